@@ -1,0 +1,196 @@
+"""Attitude: quaternions, direction cosines, Euler angles and the misalignment between two navigation frames.
+
+Conventions (equations.md 0, A.2, A.3, C.1): quaternions are Hamilton, scalar first, ``q_nb`` turns body vectors into n;
+heading is clockwise from north, pitch nose up, roll right side down; a misalignment phi (E, N, U) turns n into the
+computed frame c by right-handed rotations about U, then E, then N, and C_hat_nb = C_n^c(phi) C_nb.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def _left_table() -> Array:
+    """T (4, 16) with (q T).reshape(4, 4) @ p = q p (the Hamilton product)."""
+    table = np.zeros((4, 4, 4))
+    for i, j, k, sign in [
+        (0, 0, 0, 1), (1, 1, 0, -1), (2, 2, 0, -1), (3, 3, 0, -1),
+        (0, 1, 1, 1), (1, 0, 1, 1), (2, 3, 1, 1), (3, 2, 1, -1),
+        (0, 2, 2, 1), (2, 0, 2, 1), (3, 1, 2, 1), (1, 3, 2, -1),
+        (0, 3, 3, 1), (3, 0, 3, 1), (1, 2, 3, 1), (2, 1, 3, -1),
+    ]:  # fmt: skip
+        table[i, k, j] = sign  # q_i p_j contributes to component k
+    return table.reshape(4, 16)
+
+
+_LEFT = _left_table()
+_RIGHT = np.ascontiguousarray(_LEFT.reshape(4, 4, 4).transpose(2, 1, 0)).reshape(4, 16)
+
+
+def _dcm_table() -> Array:
+    """T (16, 9) with (q q').ravel() T = C(q).ravel()."""
+    table = np.zeros((4, 4, 3, 3))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for m in range(4):
+            table[m, m, i, i] = 1.0 if m in (0, i + 1) else -1.0
+        table[j + 1, k + 1, j, k] += 2.0
+        table[j + 1, k + 1, k, j] += 2.0
+        table[0, i + 1, k, j] += 2.0
+        table[0, i + 1, j, k] -= 2.0
+    return table.reshape(16, 9)
+
+
+_DCM = _dcm_table()
+
+
+def left_matrix(q: Array) -> Array:
+    """(..., 4, 4) with left_matrix(q) @ p = q p."""
+    return (q @ _LEFT).reshape(*q.shape[:-1], 4, 4)
+
+
+def right_matrix(q: Array) -> Array:
+    """(..., 4, 4) with right_matrix(q) @ p = p q."""
+    return (q @ _RIGHT).reshape(*q.shape[:-1], 4, 4)
+
+
+def multiply(q: Array, p: Array) -> Array:
+    """Hamilton product q p, (..., 4)."""
+    return np.matmul(left_matrix(q), p[..., None])[..., 0]
+
+
+def conjugate(q: Array) -> Array:
+    return q * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def normalize(q: Array) -> Array:
+    return q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
+
+
+def from_rotvec(rotvec: Array) -> Array:
+    """q of a rotation vector in rad, (..., 3) -> (..., 4). equations.md A.3."""
+    half = 0.5 * np.sqrt(np.sum(rotvec * rotvec, axis=-1, keepdims=True))
+    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * rotvec], axis=-1)
+
+
+def rotation_angle(q: Array) -> Array:
+    """Angle of the rotation in [0, pi], (...,) rad; accurate near 0 and pi, NaN where q is not finite."""
+    return 2.0 * np.arctan2(np.sqrt(np.sum(q[..., 1:] ** 2, axis=-1)), np.abs(q[..., 0]))
+
+
+def to_dcm(q: Array) -> Array:
+    """C_nb (..., 3, 3) of unit q_nb. (2.2.11)."""
+    outer = (q[..., :, None] * q[..., None, :]).reshape(*q.shape[:-1], 16)
+    return (outer @ _DCM).reshape(*q.shape[:-1], 3, 3)
+
+
+def from_dcm(C: Array) -> Array:
+    """Unit quaternion with q_0 >= 0 of a direction cosine matrix, by Shepperd's choice of the largest component."""
+    d = np.diagonal(C, axis1=-2, axis2=-1)
+    trace = d.sum(-1, keepdims=True)
+    squares = np.concatenate([1.0 + trace, 1.0 + 2.0 * d - trace], axis=-1)  # 4 q_i^2
+    pair = np.empty((*C.shape[:-2], 4, 4))  # 4 q_i q_j
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        pair[..., 0, i + 1] = pair[..., i + 1, 0] = C[..., k, j] - C[..., j, k]
+        pair[..., j + 1, k + 1] = pair[..., k + 1, j + 1] = C[..., k, j] + C[..., j, k]
+    for i in range(4):
+        pair[..., i, i] = squares[..., i]
+    best = np.argmax(squares, axis=-1)[..., None]
+    q = np.take_along_axis(pair, best[..., None], axis=-2)[..., 0, :]
+    q = q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
+    return np.where(q[..., :1] < 0, -q, q)
+
+
+def from_euler(heading: Array | float, pitch: Array | float, roll: Array | float) -> Array:
+    """q_nb of heading (clockwise), pitch, roll in rad: Rz(-heading) Rx(pitch) Ry(roll). (2.2.6-8)."""
+    h, p, r = np.broadcast_arrays(-0.5 * np.asarray(heading), 0.5 * np.asarray(pitch), 0.5 * np.asarray(roll))
+    ch, sh, cp, sp, cr, sr = np.cos(h), np.sin(h), np.cos(p), np.sin(p), np.cos(r), np.sin(r)
+    return np.stack(
+        [
+            ch * cp * cr - sh * sp * sr,
+            ch * sp * cr - sh * cp * sr,
+            ch * cp * sr + sh * sp * cr,
+            ch * sp * sr + sh * cp * cr,
+        ],
+        axis=-1,
+    )
+
+
+def to_euler(C: Array) -> tuple[Array, Array, Array]:
+    """Heading in (-pi, pi], pitch, roll in rad of C_nb (..., 3, 3). At +-90 deg pitch roll is set to zero. (2.2.9)."""
+    level = np.hypot(C[..., 0, 1], C[..., 1, 1])
+    pitch = np.arctan2(C[..., 2, 1], level)
+    regular = level > 1e-9
+    heading = np.where(
+        regular, np.arctan2(C[..., 0, 1], C[..., 1, 1]), np.arctan2(-C[..., 1, 0], C[..., 0, 0])
+    )
+    roll = np.where(regular, np.arctan2(-C[..., 2, 0], C[..., 2, 2]), 0.0)
+    return heading, pitch, roll
+
+
+def wrap(angle: Array) -> Array:
+    """The angle in [-pi, pi)."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def skew(v: Array) -> Array:
+    """(..., 3, 3) with skew(v) @ u = v x u."""
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out
+
+
+def misalignment_rows(phi: Array) -> tuple[Array, Array, Array]:
+    """C_n^c and the sine and cosine of phi with the components in FRONT: phi (3, ...) -> (3, 3, ...), (3, ...), (3, ...).
+
+    Sigma-point filters evaluate this thousands of times per epoch; planes of components are what NumPy is fast on.
+    C_n^c = R_N(phi_N) R_E(phi_E) R_U(phi_U). equations.md C.1 (001 (6) corrected, erratum 66).
+    """
+    s, c = np.sin(phi), np.cos(phi)
+    sx, sy, sz = s
+    cx, cy, cz = c
+    C = np.empty((3, *phi.shape))
+    sxsz, sxcz = sx * sz, sx * cz
+    C[0, 0], C[0, 1], C[0, 2] = cy * cz - sy * sxsz, cy * sz + sy * sxcz, -sy * cx
+    C[1, 0], C[1, 1], C[1, 2] = -cx * sz, cx * cz, sx
+    C[2, 0], C[2, 1], C[2, 2] = sy * cz + cy * sxsz, sy * sz - cy * sxcz, cy * cx
+    return C, s, c
+
+
+def misalignment_dcm(phi: Array) -> Array:
+    """C_n^c (..., 3, 3) of phi (..., 3) rad. equations.md C.1."""
+    C = misalignment_rows(np.moveaxis(phi, -1, 0))[0]
+    return np.ascontiguousarray(np.moveaxis(C, (0, 1), (-2, -1)))
+
+
+def misalignment_from_dcm(C: Array) -> Array:
+    """phi (..., 3) of C_n^c (..., 3, 3); phi_E in +-90 deg. equations.md C.1."""
+    return np.stack(
+        [
+            np.arcsin(np.clip(C[..., 1, 2], -1.0, 1.0)),
+            np.arctan2(-C[..., 0, 2], C[..., 2, 2]),
+            np.arctan2(-C[..., 1, 0], C[..., 1, 1]),
+        ],
+        axis=-1,
+    )
+
+
+def misalignment(q_computed: Array, q_true: Array) -> Array:
+    """phi (..., 3) rad of a computed attitude against the true one: C_n^c = C_hat_nb C_nb'."""
+    return misalignment_from_dcm(to_dcm(multiply(q_computed, conjugate(q_true))))
+
+
+def misalignment_rate_matrix(phi: Array) -> Array:
+    """C_w (..., 3, 3) with omega_nc^c = C_w phi_dot. equations.md C.1."""
+    sx, cx = np.sin(phi[..., 0]), np.cos(phi[..., 0])
+    sy, cy = np.sin(phi[..., 1]), np.cos(phi[..., 1])
+    out = np.zeros((*phi.shape[:-1], 3, 3))
+    out[..., 0, 0], out[..., 0, 2] = cy, -sy * cx
+    out[..., 1, 1], out[..., 1, 2] = 1.0, sx
+    out[..., 2, 0], out[..., 2, 2] = sy, cy * cx
+    return out

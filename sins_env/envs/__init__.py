@@ -1,0 +1,20 @@
+"""The Gymnasium environments. Importing :mod:`sins_env` registers their ids."""
+
+from __future__ import annotations
+
+import gymnasium
+
+ALIGNMENT_IDS = ("SINS/AlignSway-v0", "SINS/AlignStatic-v0", "SINS/Replay-v0")
+
+_ENTRY_POINTS = {
+    "SINS/AlignSway-v0": "sins_env.envs.align:AlignSway",
+    "SINS/AlignStatic-v0": "sins_env.envs.align:AlignStatic",
+    "SINS/Replay-v0": "sins_env.envs.replay:Replay",
+}
+
+
+def register() -> None:
+    """Register the ids; a second call changes nothing."""
+    for env_id, entry in _ENTRY_POINTS.items():
+        if env_id not in gymnasium.registry:
+            gymnasium.register(env_id, entry_point=f"{entry}Env", vector_entry_point=f"{entry}VectorEnv")

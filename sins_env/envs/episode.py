@@ -1,0 +1,106 @@
+"""The course of a batch of episodes: observations out, actions in, scores. The single and the vector environment both wrap it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import attitude
+from sins_env.envs.world import World
+from sins_env.types import NavState, Task
+
+Array = NDArray[np.float64]
+Obs = dict[str, NDArray[Any]]
+
+OBSERVED = ("dtheta", "dvel", "gps_vel", "gps_pos", "gps_valid")
+WORST_REWARD = -180.0
+WORST_PHI = np.array([np.pi / 2, np.pi, np.pi])  #: the largest error that phi (E, N, U) can express
+
+
+def score_attitude(action: Array, truth: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Errors phi (runs, 3) rad, rewards (runs,) minus degrees, and failed epochs, of actions q_nb (runs, 4).
+
+    The action is normalised. A non-finite or zero-norm one is a failed epoch with the worst errors and reward.
+    """
+    norm = np.sqrt(np.sum(action * action, axis=-1))
+    failed = ~(np.isfinite(norm) & (norm > 0))
+    if failed.any():
+        identity = np.array([1.0, 0.0, 0.0, 0.0])
+        action, norm = np.where(failed[:, None], identity, action), np.where(failed, 1.0, norm)
+    error = attitude.multiply(action / norm[:, None], attitude.conjugate(truth))
+    phi = attitude.misalignment_from_dcm(attitude.to_dcm(error))
+    reward = -np.degrees(attitude.rotation_angle(error))
+    if failed.any():
+        phi[failed], reward[failed] = WORST_PHI, WORST_REWARD
+    return phi, reward, failed
+
+
+class Episode:
+    """K observations and K steps; observation k covers (t_{k-1}, t_k], step k scores the action at t_k."""
+
+    def __init__(self, world: World, reveal_truth: bool) -> None:
+        self.world, self.reveal_truth = world, reveal_truth
+        self.task: Task = world.task
+        self.started = False
+
+    def reset(
+        self, rngs: Sequence[np.random.Generator], options: dict[str, Any] | None, squeeze: bool = False
+    ) -> tuple[Obs, dict[str, Any]]:
+        """Observation 1 and the start. ``squeeze``: the public Task gets no run axis (single environment)."""
+        truth, told = self.world.reset(rngs, options or {})
+        runs = len(rngs)
+        known = told is not None
+        if told is None:
+            pos = np.broadcast_to(self.world.task.site.pos, (runs, 3)).copy()
+            start = NavState(np.tile([1.0, 0.0, 0.0, 0.0], (runs, 1)), np.zeros((runs, 3)), pos)
+        else:
+            start = told
+        public = NavState(*(part[0].copy() if squeeze else part.copy() for part in start)) if known else None
+        self.task = dataclasses.replace(self.world.task, start=public)
+        self.k, self.started = 1, True
+        obs = self._observe()
+        info: dict[str, Any] = {"start": {**start._asdict(), "known": np.full(runs, known)}}
+        if self.reveal_truth:
+            info["truth"] = truth._asdict()
+        return obs, info
+
+    def step(self, action: Array) -> tuple[Obs, Array, bool, dict[str, Any]]:
+        """Score the actions (runs, 4) at t_k; the next observation, rewards (runs,), whether the episode is over, info."""
+        if not self.started:
+            raise RuntimeError("step() before reset(): reset the environment first")
+        if self.k > self.task.num_epochs:
+            raise RuntimeError("step() after the end of the episode: reset the environment first")
+        if self.world.scored:
+            phi, reward, failed = score_attitude(np.asarray(action, dtype=float), self._truth.q_nb)
+        else:
+            bad = ~np.isfinite(np.asarray(action, dtype=float)).all(axis=-1)
+            phi, reward, failed = np.zeros((len(bad), 3)), np.zeros(len(bad)), bad
+        info: dict[str, Any] = {"errors": {"phi": phi}, "failed": failed}
+        if not self.world.scored:
+            info["scored"] = np.zeros(len(failed), dtype=bool)
+        if self.reveal_truth:
+            info["truth"] = {name: part.copy() for name, part in self._truth._asdict().items()}
+        self.k += 1
+        over = self.k > self.task.num_epochs
+        return (self._terminal() if over else self._observe()), reward, over, info
+
+    def _observe(self) -> Obs:
+        data = self.world.epoch(self.k)
+        self._truth = data.truth
+        runs = len(data.gps_vel)
+        obs: Obs = {"t": np.full((runs, 1), self.k * self.task.epoch_s)}
+        for name in OBSERVED:
+            obs[name] = getattr(data, name).copy()
+        return obs
+
+    def _terminal(self) -> Obs:
+        """At t_K there is nothing left to observe: zero increments, no fix."""
+        data = self.world.epoch(self.task.num_epochs)
+        obs: Obs = {"t": np.full((len(data.gps_vel), 1), self.task.num_epochs * self.task.epoch_s)}
+        for name in OBSERVED:
+            obs[name] = np.zeros_like(getattr(data, name))
+        return obs

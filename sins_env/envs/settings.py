@@ -1,0 +1,137 @@
+"""Keyword arguments of the alignment environments: checked once, here, with one clear error each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sins_env import earth
+from sins_env.errors import build, unknown
+from sins_env.gps import epochs_per_fix
+from sins_env.specs import COARSE_STD_DEG, PRIORS, TOLD_START_STD_DEG, GpsSpec, ImuSpec, gps_spec, imu_spec
+from sins_env.trajectory.sway import MOTIONS
+from sins_env.types import Site, Task
+
+STARTS = ("unknown", "told")
+LONGITUDE_DEG = 116.3  #: Beijing, assumed for 000 (equations.md F)
+
+
+@dataclass(frozen=True)
+class AlignSettings:
+    """Settings of ``SINS/AlignSway-v0`` and ``SINS/AlignStatic-v0``; JSON-able values only.
+
+    ``duration`` s includes ``coarse`` s. None: coarse is 120 s for an unknown start and 0 for a told one, the fine
+    phase lasts 360 s. ``imu``, ``gps``: a preset's name or a dict of fields. ``misalignment_deg``: three fixed values,
+    or None for a draw from the prior. ``heading_deg`` None draws the mean heading over the circle per run.
+
+    Raises:
+        ValueError: any value out of its range, or values that do not fit together.
+    """
+
+    duration: float | None = None
+    epoch: float = 0.1
+    n_sub: int = 30
+    coarse: float | None = None
+    imu: Any = "thesis-white"
+    gps: Any = "thesis"
+    start: str = "told"
+    misalignment_deg: tuple[float, float, float] | None = None
+    prior: str = "matched"
+    latitude_deg: float = 39.96
+    heading_deg: float | None = 30.0
+    vibration: bool = False
+    motion: str = "thesis"
+    earth: str = "wgs84"
+
+    def __post_init__(self) -> None:
+        for kind, given, allowed in (
+            ("start", self.start, STARTS),
+            ("prior", self.prior, PRIORS),
+            ("motion", self.motion, MOTIONS),
+            ("earth model", self.earth, earth.EARTHS),
+        ):
+            if given not in allowed:
+                raise unknown(kind, given, allowed)
+        told = self.start == "told"
+        set_ = object.__setattr__
+        if self.coarse is None:
+            set_(self, "coarse", 0.0 if told else 120.0)
+        if self.duration is None:
+            set_(self, "duration", 360.0 + self.coarse_s)
+        if told and self.coarse:
+            raise ValueError(f"coarse = {self.coarse!r} with start = 'told'; allowed: 0, a told start needs no coarse phase")
+        if isinstance(self.n_sub, bool) or self.n_sub != int(self.n_sub) or self.n_sub < 1:
+            raise ValueError(f"n_sub = {self.n_sub!r}; allowed: a whole number of IMU samples per epoch, at least 1")
+        check_timing(self.epoch, self.duration_s, self.coarse_s)
+        earth.check_latitude(math.radians(self.latitude_deg))
+        if self.heading_deg is not None and not math.isfinite(self.heading_deg):
+            raise ValueError(f"heading_deg = {self.heading_deg!r}; allowed: a finite angle in degrees, or None")
+        if self.misalignment_deg is not None:
+            values = tuple(float(v) for v in self.misalignment_deg)
+            if not told:
+                raise ValueError("misalignment_deg with start = 'unknown'; allowed: with start = 'told' only")
+            if len(values) != 3 or not all(math.isfinite(v) for v in values):
+                raise ValueError(f"misalignment_deg = {self.misalignment_deg!r}; allowed: three finite numbers (E, N, U)")
+            set_(self, "misalignment_deg", values)
+        epochs_per_fix(self.gps_true, self.epoch)
+        _ = self.imu_true
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> AlignSettings:
+        return build(cls, settings, "the environment")
+
+    @property
+    def duration_s(self) -> float:
+        assert self.duration is not None
+        return float(self.duration)
+
+    @property
+    def coarse_s(self) -> float:
+        assert self.coarse is not None
+        return float(self.coarse)
+
+    @property
+    def imu_true(self) -> ImuSpec:
+        return imu_spec(self.imu)
+
+    @property
+    def gps_true(self) -> GpsSpec:
+        return gps_spec(self.gps)
+
+    def task(self, env_id: str) -> Task:
+        """What the estimators are told; the start of an episode is filled in at its reset."""
+        spread = TOLD_START_STD_DEG if self.start == "told" else COARSE_STD_DEG
+        prior = PRIORS[self.prior](self.imu_true, self.gps_true, self.epoch, spread)
+        return Task(
+            id=env_id,
+            site=Site(math.radians(self.latitude_deg), math.radians(LONGITUDE_DEG), 0.0, self.earth),
+            epoch_s=self.epoch,
+            n_sub=int(self.n_sub),
+            duration_s=self.duration_s,
+            coarse_s=self.coarse_s,
+            imu=self.imu_true,
+            gps=self.gps_true.told(prior.gps_vel_std_mps if self.prior == "thesis" else None),
+            prior=prior,
+        )
+
+
+def check_timing(epoch: float, duration: float, coarse: float) -> None:
+    """Epochs must fill the duration and the coarse phase; an episode has at least three.
+
+    Raises:
+        ValueError: what does not fit, and the nearest value that does.
+    """
+    if not (math.isfinite(epoch) and epoch > 0):
+        raise ValueError(f"epoch = {epoch!r}; allowed: a positive number of seconds")
+    for name, value, least in (("duration", duration, 3), ("coarse", coarse, 0)):
+        count = value / epoch if math.isfinite(value) else math.nan
+        if not (abs(count - round(count)) < 1e-6 if count == count else False) or round(count) < least:
+            near = max(round(count) if count == count else least, least) * epoch
+            raise ValueError(
+                f"{name} = {value!r} s with epochs of {epoch:g} s; allowed: a whole number of epochs, "
+                f"at least {least}, for instance {near:g} s"
+            )
+    if coarse >= duration:
+        raise ValueError(f"coarse = {coarse:g} s, duration = {duration:g} s; allowed: coarse shorter than the duration")

@@ -1,0 +1,42 @@
+"""Observation and action spaces. Bounds are finite and wider than anything an INS on a base or an aircraft meets."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from gymnasium import spaces
+
+MAX_ANGLE, MAX_SPEED, MAX_HEIGHT, MAX_TIME = 2 * math.pi, 1e4, 1e5, 1e7
+
+_POS_LOW = np.array([-math.pi / 2, -math.pi, -1e3])
+_POS_HIGH = np.array([math.pi / 2, math.pi, MAX_HEIGHT])
+
+
+def observation_space(n_sub: int) -> spaces.Dict:
+    """The Dict of design section 3: t, dtheta, dvel, gps_vel, gps_pos, gps_valid."""
+
+    def box(limit: float, shape: tuple[int, ...]) -> spaces.Box:
+        return spaces.Box(-limit, limit, shape, np.float64)
+
+    return spaces.Dict(
+        {
+            "t": spaces.Box(0.0, MAX_TIME, (1,), np.float64),
+            "dtheta": box(MAX_ANGLE, (n_sub, 3)),
+            "dvel": box(MAX_SPEED, (n_sub, 3)),
+            "gps_vel": box(MAX_SPEED, (3,)),
+            "gps_pos": spaces.Box(_POS_LOW, _POS_HIGH, dtype=np.float64),
+            "gps_valid": spaces.Box(0, 1, (1,), np.int8),
+        }
+    )
+
+
+def clip_fix(vel: np.ndarray, pos: np.ndarray) -> None:
+    """Keep heavy-tailed fixes inside the space, in place."""
+    np.clip(vel, -MAX_SPEED, MAX_SPEED, out=vel)
+    np.clip(pos, _POS_LOW, _POS_HIGH, out=pos)
+
+
+def attitude_action_space() -> spaces.Box:
+    """q_nb; the environment normalises it."""
+    return spaces.Box(-1.0, 1.0, (4,), np.float64)

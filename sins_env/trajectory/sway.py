@@ -1,0 +1,205 @@
+"""The swaying base of 000 section 2.5.1: sinusoids in heading, pitch, roll and in the three velocities.
+
+The attitude of the base relative to its mean heading is the same in every run, and whatever differs between runs
+(mean heading, phases of the linear sway) enters rate and specific force linearly. So with g_k(t) the functions
+1, cos(w t), sin(w t) of the oscillators and C_0(t) the attitude about the mean heading, the increments of all runs are
+
+    integral of C_0'(t) r(t) dt  =  sum over k of  [integral of C_0'(t) g_k(t) dt]  r_k(run),
+
+one small matrix product per run. The integrals are Gauss-Legendre and exact to rounding. With ``motion="random"`` the
+attitude differs too, and each run gets integrals of its own.
+
+Coriolis with the base's own transport rate (omega_en x V, 2e-10 m/s^2) is left out of the specific force.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import attitude, earth
+from sins_env.specs import DEG, G0
+from sins_env.trajectory.base import Motion
+from sins_env.types import NavState, Site
+
+Array = NDArray[np.float64]
+
+_NODES = {False: 5, True: 14}  # Gauss-Legendre nodes per IMU sample, without and with vibration (1.3 periods a sample)
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """amplitude cos(2 pi t / period_s + phase)."""
+
+    amplitude: float
+    period_s: float
+    phase: float = 0.0
+
+
+@dataclass(frozen=True)
+class SwayMotion:
+    """Amplitudes in rad about the mean attitude, and in metres for the linear sway (its phases are drawn per run)."""
+
+    heading: Oscillation
+    pitch: Oscillation
+    roll: Oscillation
+    sway_m: tuple[float, float, float]  #: E, N, U
+    sway_period_s: tuple[float, float, float]
+
+
+#: 000 section 2.5.1, equations.md S.1
+THESIS = SwayMotion(
+    heading=Oscillation(5 * DEG, 7.0, math.pi / 4),
+    pitch=Oscillation(7 * DEG, 5.0, math.pi / 4),
+    roll=Oscillation(10 * DEG, 6.0, math.pi / 7),
+    sway_m=(0.02, 0.03, 0.03),
+    sway_period_s=(7.0, 6.0, 8.0),
+)
+#: a base that stands still
+STILL = SwayMotion(Oscillation(0, 1), Oscillation(0, 1), Oscillation(0, 1), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+
+VIBRATION_ACCEL = np.array([4.8, 3.8, 4.0]) * G0  #: m/s^2 E, N, U. (2.5.5)
+VIBRATION_HZ = np.array([300.0, 250.0, 400.0])
+
+MOTIONS = ("thesis", "random")
+
+
+class Sway:
+    """A batch of swaying bases. ``heading_deg`` None draws the mean heading over the circle per run.
+
+    ``motion="random"`` scales the amplitudes of each run by 0.5-1.5 and its periods by 0.7-1.4, and draws the phases of
+    the attitude as well.
+    """
+
+    def __init__(
+        self,
+        site: Site,
+        epoch_s: float,
+        n_sub: int,
+        motion: SwayMotion = THESIS,
+        heading_deg: float | None = 30.0,
+        vibration: bool = False,
+        random: bool = False,
+    ) -> None:
+        self.site, self.epoch_s, self.n_sub = site, epoch_s, n_sub
+        self.motion, self.heading_deg, self.vibration, self.random = motion, heading_deg, vibration, random
+        model = earth.get(site.earth)
+        self._earth = model
+        self._gravity = float(earth.gravity(model, site.latitude, site.height))
+        self._rate_ie = earth.rate_n(model, site.latitude)
+        self._transport = earth.transport_matrix(model, site.latitude, site.height)
+        self._nodes, self._weights = np.polynomial.legendre.leggauss(_NODES[vibration])
+
+    def reset(self, rngs: Sequence[np.random.Generator]) -> NavState:
+        draws = np.stack([rng.random(22) for rng in rngs])  # one layout whatever the options: streams stay comparable
+        runs = len(rngs)
+        mean = 2 * np.pi * draws[:, 0] if self.heading_deg is None else np.full(runs, self.heading_deg * DEG)
+        self._heading = mean
+        turns = (self.motion.heading, self.motion.pitch, self.motion.roll)
+        amplitude = np.array([o.amplitude for o in turns])
+        omega = 2 * np.pi / np.array([o.period_s for o in turns])
+        phase = np.array([o.phase for o in turns])
+        sway, sway_omega = np.array(self.motion.sway_m), 2 * np.pi / np.array(self.motion.sway_period_s)
+        if self.random:
+            amplitude = amplitude * (0.5 + draws[:, 7:10])
+            omega = omega / (0.7 + 0.7 * draws[:, 10:13])
+            phase = 2 * np.pi * draws[:, 13:16]
+            sway = sway * (0.5 + draws[:, 16:19])
+            sway_omega = sway_omega / (0.7 + 0.7 * draws[:, 19:22])
+        self._turn = (amplitude, omega, phase)  # each (3,) or (runs, 3): heading, pitch, roll
+        omegas, speeds, phases = [sway_omega], [sway * sway_omega], [2 * np.pi * draws[:, 1:4]]
+        if self.vibration:
+            vibration_omega = np.broadcast_to(2 * np.pi * VIBRATION_HZ, sway_omega.shape)
+            omegas.append(vibration_omega)
+            speeds.append(VIBRATION_ACCEL / vibration_omega)
+            phases.append(2 * np.pi * draws[:, 4:7])
+        self._omega = np.concatenate(omegas, axis=-1)  # (J,) or (runs, J), oscillator j moves along axis j % 3
+        self._speed = np.concatenate(speeds, axis=-1)
+        self._phase = np.concatenate(phases, axis=-1)  # (runs, J)
+        self._coefficients = self._expand()
+        state, _ = self._states(np.zeros(1))
+        return NavState(*(part[:, 0] for part in state))
+
+    def chunk(self, first_epoch: int, num_epochs: int) -> Motion:
+        edges = np.arange(first_epoch * self.n_sub, (first_epoch + num_epochs) * self.n_sub + 1)
+        table, turning = self._integrals(edges * (self.epoch_s / self.n_sub))
+        increments = np.matmul(self._coefficients, table)  # (runs, 2, samples * 3)
+        shape = (len(self._heading), num_epochs, self.n_sub, 3)
+        dtheta = (increments[:, 0] + turning).reshape(shape)
+        dvel = increments[:, 1].reshape(shape)
+        state, rate = self._states(np.arange(first_epoch + 1, first_epoch + num_epochs + 1) * self.epoch_s)
+        return Motion(dtheta, dvel, state, rate)
+
+    def _expand(self) -> Array:
+        """Coefficients of rate and specific force on the functions g_k, (runs, 2, 3 K), axes of the mean heading."""
+        runs, J = self._phase.shape
+        K = 1 + 2 * J
+        speed, omega = np.broadcast_to(self._speed, (runs, J)), np.broadcast_to(self._omega, (runs, J))
+        c, s = speed * np.cos(self._phase), speed * np.sin(self._phase)
+        vel, accel = np.zeros((runs, 3, K)), np.zeros((runs, 3, K))
+        for j in range(J):  # V = v cos(wt + p) = v cos p cos wt - v sin p sin wt
+            vel[:, j % 3, 1 + 2 * j], vel[:, j % 3, 2 + 2 * j] = c[:, j], -s[:, j]
+            accel[:, j % 3, 1 + 2 * j], accel[:, j % 3, 2 + 2 * j] = -omega[:, j] * s[:, j], -omega[:, j] * c[:, j]
+        rate = self._transport @ vel
+        rate[:, :, 0] += self._rate_ie
+        force = accel + attitude.skew(2 * self._rate_ie) @ vel
+        force[:, 2, 0] += self._gravity
+        c, s = np.cos(self._heading), np.sin(self._heading)
+        turn = np.zeros((runs, 3, 3))  # n into the axes of the mean heading
+        turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = c, -s, s, c, 1.0
+        return np.stack([turn @ rate, turn @ force], axis=1).reshape(runs, 2, 3 * K)
+
+    def _integrals(self, edges: Array) -> tuple[Array, Array]:
+        """Over each IMU sample: integrals of C_0' g_k, ([runs,] 3 K, samples * 3), and of omega_nb^b, ([runs,] samples * 3)."""
+        half = 0.5 * (edges[1] - edges[0])
+        t = (edges[:-1] + half)[:, None] + half * self._nodes  # (samples, nodes)
+        C, rate = self._turning(t)
+        phase = self._omega[..., None, None, :] * t[..., None]
+        g = np.concatenate([np.ones((*phase.shape[:-1], 1)), _interleave(np.cos(phase), np.sin(phase))], axis=-1)
+        weights = half * self._weights
+        blocks = np.matmul(np.swapaxes(C.reshape(*C.shape[:-2], 9) * weights[:, None], -1, -2), g)
+        samples, K = len(edges) - 1, g.shape[-1]  # blocks: ([runs,] samples, 9, K), 9 = (axis of n, axis of b)
+        blocks = blocks.reshape(*blocks.shape[:-3], samples, 3, 3, K)
+        table = np.moveaxis(blocks, (-3, -1, -4, -2), (-4, -3, -2, -1)).reshape(*blocks.shape[:-4], 3 * K, samples * 3)
+        turning = np.matmul(weights, rate).reshape(*rate.shape[:-3], samples * 3)
+        return np.ascontiguousarray(table), turning
+
+    def _turning(self, t: Array) -> tuple[Array, Array]:
+        """C_0 = C_b^n about the mean heading and omega_nb^b at times t: (..., *t.shape, 3, 3), (..., *t.shape, 3)."""
+        angles, rates = self._angles(t)
+        heading, pitch, roll = np.moveaxis(angles, -1, 0)
+        dh, dp, dr = np.moveaxis(rates, -1, 0)
+        cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+        rate = np.stack([dp * cr + dh * sr * cp, dr - dh * sp, dp * sr - dh * cr * cp], axis=-1)  # equations.md A.2
+        return attitude.to_dcm(attitude.from_euler(heading, pitch, roll)), rate
+
+    def _angles(self, t: Array) -> tuple[Array, Array]:
+        """Heading about its mean, pitch, roll and their rates, (..., *t.shape, 3)."""
+        amplitude, omega, phase = (part.reshape(*part.shape[:-1], *(1,) * t.ndim, 3) for part in self._turn)
+        argument = omega * t[..., None] + phase
+        return amplitude * np.cos(argument), -amplitude * omega * np.sin(argument)
+
+    def _states(self, t: Array) -> tuple[NavState, Array]:
+        """True states (runs, len(t), ...) and omega_eb^b."""
+        runs = len(self._heading)
+        angles, _ = self._angles(t)
+        angles = np.broadcast_to(angles, (runs, len(t), 3))
+        q_nb = attitude.from_euler(angles[..., 0] + self._heading[:, None], angles[..., 1], angles[..., 2])
+        omega = np.broadcast_to(self._omega, self._phase.shape)[:, None, :]
+        speed = np.broadcast_to(self._speed, self._phase.shape)[:, None, :]
+        argument = omega * t[:, None] + self._phase[:, None, :]
+        shape = (runs, len(t), -1, 3)
+        vel = (speed * np.cos(argument)).reshape(shape).sum(axis=2)
+        offset = (speed / omega * np.sin(argument)).reshape(shape).sum(axis=2)
+        _, rate_nb = self._turning(t)
+        rate_en_b = np.matmul(np.swapaxes(attitude.to_dcm(q_nb), -1, -2), (self._transport @ vel[..., None]))[..., 0]
+        return NavState(q_nb, vel, earth.displace(self._earth, self.site.pos, offset)), rate_nb + rate_en_b
+
+
+def _interleave(a: Array, b: Array) -> Array:
+    """a0 b0 a1 b1 ... along the last axis."""
+    return np.stack([a, b], axis=-1).reshape(*a.shape[:-1], 2 * a.shape[-1])

@@ -1,0 +1,68 @@
+"""Gain and conditioning: written once for every Gaussian filter. # 000 (3.2.10-14)
+
+With S = L L' the innovation covariance and W = L^-1 P_yx, the gain is K = W' L^-1 and the posterior
+P - K S K' = P - W'W. That form needs only the moments, so it serves linear, linearised and sigma-point rules
+alike (the Joseph form needs H and R apart, and gives nothing for a sigma-point cross covariance), it is exactly
+symmetric, and it keeps no small matrix inverted twice. Where rounding makes the result indefinite, the next
+square root repairs it and the repair is counted.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from solvers.blocks.square_root import Mask, cholesky
+from solvers.types import Array, Gaussian, Innovation, Moments
+
+
+def gain(predicted: Moments) -> tuple[Array, Array, Mask | None]:
+    """K (..., n, m), W (..., m, n) with W'W = K S K', and the runs whose S was repaired.
+
+    ``predicted`` is of z, so its covariance S includes R.
+    """
+    inverse, repaired = _inverse_root(predicted.cov)
+    W = inverse @ predicted.cross.mT
+    return W.mT @ inverse, W, repaired
+
+
+def condition(prior: Gaussian, predicted: Moments, z: Array) -> tuple[Gaussian, Innovation, Mask | None]:
+    """The belief after z (..., m) was seen, the innovation, and the runs whose S was repaired.
+
+    ``prior`` (..., n), (..., n, n); ``predicted``: the moments of z under it, R included in the covariance.
+    """
+    K, W, repaired = gain(predicted)
+    residual = z - predicted.mean
+    mean = prior.mean + (K @ residual[..., None])[..., 0]
+    return Gaussian(mean, prior.cov - W.mT @ W), Innovation(residual, predicted.cov), repaired
+
+
+def nis(innovation: Innovation) -> Array:
+    """Normalised innovation squared r' S^-1 r, shape (...)."""
+    return _whitened(innovation)[0]
+
+
+def log_likelihood(innovation: Innovation) -> Array:
+    """log N(r; 0, S), shape (...). # 004 (9)"""
+    squared, log_root_det = _whitened(innovation)
+    return -0.5 * (squared + innovation.residual.shape[-1] * math.log(2.0 * math.pi)) - log_root_det
+
+
+def _whitened(innovation: Innovation) -> tuple[Array, Array]:
+    """r' S^-1 r and log sqrt(det S)."""
+    inverse, _ = _inverse_root(innovation.cov)
+    white = (inverse @ innovation.residual[..., None])[..., 0]
+    pivots = np.diagonal(inverse, axis1=-2, axis2=-1)
+    return (white * white).sum(axis=-1), -np.log(pivots).sum(axis=-1)
+
+
+def _inverse_root(S: Array) -> tuple[Array, Mask | None]:
+    """L^-1 with S = L L'; a direction that is known exactly (zero row of S) gets zero, hence no gain."""
+    L, repaired = cholesky(S)
+    try:
+        return np.linalg.inv(L), repaired
+    except np.linalg.LinAlgError:
+        known = np.diagonal(L, axis1=-2, axis2=-1) == 0.0
+        free = ~(known[..., :, None] | known[..., None, :])
+        return np.linalg.inv(np.where(known[..., None] & np.eye(S.shape[-1], dtype=bool), 1.0, L)) * free, repaired

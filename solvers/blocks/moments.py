@@ -1,0 +1,152 @@
+"""Mean and covariance of y = g(x) for Gaussian x: the one place where points are drawn and slopes are taken.
+
+``Linear`` functions are mapped exactly under every rule. For any other function the rule decides:
+``SigmaPoints`` sends points through it, ``Linearized`` takes its Jacobian.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from sins_env.errors import unknown
+from solvers.blocks.sigma_rules import PointRule, Points, points
+from solvers.blocks.square_root import ROOTS, Mask, symmetrize
+from solvers.types import Array, Function, Gaussian, Linear, Moments
+
+STEP = 1e-4  #: step of the numerical Jacobian in standard deviations
+RELATIVE_STEP = float(np.finfo(float).eps) ** (1 / 3)  #: its smallest step, relative to the state
+
+
+class MomentRule(Protocol):
+    """How a Gaussian passes through a function that is not ``Linear``."""
+
+    def transform(self, g: Function, x: Gaussian) -> tuple[Gaussian, Mask | None]: ...
+    def moments(self, g: Function, x: Gaussian) -> tuple[Moments, Mask | None]: ...
+
+
+def transform(g: Function, x: Gaussian, rule: MomentRule) -> tuple[Gaussian, Mask | None]:
+    """Mean (..., m) and covariance (..., m, m) of g(x), and the runs whose covariance was repaired."""
+    if isinstance(g, Linear):
+        y = linear_moments(g, x)
+        return Gaussian(y.mean, y.cov), None
+    return rule.transform(g, x)
+
+
+def moments(g: Function, x: Gaussian, rule: MomentRule) -> tuple[Moments, Mask | None]:
+    """As ``transform``, with the cross covariance (..., n, m) of x and g(x)."""
+    return (linear_moments(g, x), None) if isinstance(g, Linear) else rule.moments(g, x)
+
+
+def linear_moments(g: Linear, x: Gaussian) -> Moments:
+    """The exact moments of an affine map."""
+    cross = x.cov @ g.matrix.mT
+    return Moments(g(x.mean), symmetrize(g.matrix @ cross), cross)
+
+
+@dataclass(frozen=True)
+class SigmaPoints:
+    """Moments from the points of ``points`` on the square root ``root`` of the covariance.
+
+    chi_i = x + S xi_i, gamma_i = g(chi_i), weighted sums about the mean. # 000 (3.3.62-66), (3.3.83-87)
+    """
+
+    points: PointRule
+    root: str = "cholesky"  #: "cholesky" or "svd"
+
+    def __post_init__(self) -> None:
+        if self.root not in ROOTS:
+            raise unknown("root", self.root, ROOTS)
+
+    def transform(self, g: Function, x: Gaussian) -> tuple[Gaussian, Mask | None]:
+        p = points(self.points, x.mean.shape[-1])
+        S, repaired = ROOTS[self.root](x.cov)
+        chi = p.xi @ S.mT
+        chi += x.mean[..., None, :]  # in place: a second array of this size costs more than the sum
+        mean, cov, _ = _weigh(g(chi), p)
+        return Gaussian(mean, cov), repaired
+
+    def moments(self, g: Function, x: Gaussian) -> tuple[Moments, Mask | None]:
+        p = points(self.points, x.mean.shape[-1])
+        S, repaired = ROOTS[self.root](x.cov)
+        deviation = p.xi @ S.mT
+        mean, cov, spread = _weigh(g(deviation + x.mean[..., None, :]), p)
+        outer = deviation[..., 1:, :] if p.centre else deviation
+        return Moments(mean, cov, _product(outer, spread, p)), repaired
+
+
+def _weigh(y: Array, p: Points) -> tuple[Array, Array, Array]:
+    """Mean (..., m), covariance (..., m, m) and the outer images (..., points, m) about their average."""
+    if not p.centre:
+        mean = p.wm @ y
+        spread = y - mean[..., None, :]
+        return mean, _product(spread, spread, p), spread
+    y0 = y[..., 0, :]
+    spread = y[..., 1:, :] - y0[..., None, :]
+    e = p.wm[1:] @ spread
+    spread -= (e / p.total)[..., None, :]
+    cov = _product(spread, spread, p)
+    if p.pull:
+        cov += p.pull * (e[..., :, None] * e[..., None, :])
+    return y0 + e, cov, spread
+
+
+def _product(a: Array, b: Array, p: Points) -> Array:
+    """Sum over the outer points of w a b', shape (..., a, b)."""
+    if p.equal is not None:
+        product = a.mT @ b  # exactly symmetric for a is b
+        product *= p.equal
+        return product
+    product = (a * p.wc[1 if p.centre else 0 :, None]).mT @ b
+    return symmetrize(product) if a is b else product
+
+
+@dataclass(frozen=True)
+class Linearized:
+    """Moments of the tangent of g ``at`` the mean, or at the origin whatever the mean is. # 000 (3.3.1-3.3.3)"""
+
+    at: Literal["mean", "origin"] = "mean"
+
+    def transform(self, g: Function, x: Gaussian) -> tuple[Gaussian, Mask | None]:
+        y, repaired = self.moments(g, x)
+        return Gaussian(y.mean, y.cov), repaired
+
+    def moments(self, g: Function, x: Gaussian) -> tuple[Moments, Mask | None]:
+        point = x.mean if self.at == "mean" else np.zeros_like(x.mean)
+        value, J = tangent(g, point, standard_deviations(x.cov))
+        y = linear_moments(Linear(J), x)
+        # y.mean is J x; at the mean g(x) itself, without rounding through J x
+        mean = value if self.at == "mean" else value + y.mean
+        return y._replace(mean=mean), None
+
+
+def standard_deviations(P: Array) -> Array:
+    """(..., n) from (..., n, n)."""
+    return np.sqrt(np.maximum(np.diagonal(P, axis1=-2, axis2=-1), 0.0))
+
+
+def tangent(g: Function, x: Array, scale: Array) -> tuple[Array, Array]:
+    """Value (..., m) and Jacobian (..., m, n) of g at x (..., n).
+
+    Uses ``g.jacobian(x)`` where g has it. Otherwise central differences, all 2n + 1 points in one call, with
+    steps of ``STEP`` times ``scale`` (..., n), the standard deviations, but no smaller than rounding allows.
+    """
+    analytic = getattr(g, "jacobian", None)
+    if isinstance(g, Linear):
+        return g(x), g.matrix
+    if analytic is not None:
+        return g(x), analytic(x)
+    n = x.shape[-1]
+    step = np.maximum(STEP * scale, RELATIVE_STEP * np.abs(x))
+    step[step == 0.0] = RELATIVE_STEP
+    grid = np.empty((*x.shape[:-1], 2 * n + 1, n))
+    grid[...] = x[..., None, :]
+    i = np.arange(n)
+    grid[..., i, i] += step
+    grid[..., n + i, i] -= step
+    y = g(grid)
+    width = grid[..., i, i] - grid[..., n + i, i]  # the step that the numbers really took
+    J = (y[..., :n, :] - y[..., n : 2 * n, :]) / width[..., None]
+    return y[..., 2 * n, :], J.mT

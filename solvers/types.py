@@ -1,0 +1,93 @@
+"""The filter contract: what flows between the model, the blocks and the filters.
+
+Shapes are batch first: ``...`` is any batch shape, ``()`` for one run, ``(256,)`` for a Monte Carlo. A *belief*
+holds everything a filter knows; a filter itself is a frozen dataclass of settings and keeps nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Function = Callable[[Array], Array]  #: (..., n) -> (..., m), acts on the last axis
+
+
+class Gaussian(NamedTuple):
+    mean: Array  #: (..., n)
+    cov: Array  #: (..., n, n)
+
+
+class Linear(NamedTuple):
+    """The map x -> matrix x + offset, which every filter uses exactly instead of drawing points through it."""
+
+    matrix: Array  #: (..., m, n), or (m, n) shared by all runs
+    offset: Array | None = None  #: (..., m)
+
+    def __call__(self, x: Array) -> Array:
+        y = np.matmul(self.matrix, x[..., None])[..., 0]
+        return y if self.offset is None else y + self.offset
+
+
+class Transition(NamedTuple):
+    """x' = f(x) + w, w ~ N(0, Q). ``f`` takes (*batch, n) and, for sigma points, (*batch, points, n)."""
+
+    f: Function
+    Q: Array  #: (..., n, n), or (n, n) shared by all runs
+    G: Array | None = None  #: (n, p): the directions that the noise drives; None: all
+    dt: float | None = None  #: s
+
+
+class Measurement(NamedTuple):
+    """z = h(x) + v, v ~ N(0, R)."""
+
+    z: Array  #: (..., m)
+    h: Function
+    R: Array  #: (..., m, m), or (m, m) shared by all runs
+
+
+class Moments(NamedTuple):
+    """Mean and covariance of y = g(x) for Gaussian x, and the cross covariance of x and y."""
+
+    mean: Array  #: (..., m)
+    cov: Array  #: (..., m, m)
+    cross: Array  #: (..., n, m)
+
+
+class Innovation(NamedTuple):
+    residual: Array  #: (..., m) z minus its prediction
+    cov: Array  #: (..., m, m) S
+
+
+class Health(NamedTuple):
+    """What went wrong in each run of a batch: counted and reported, never silent."""
+
+    epoch: int  #: steps taken since init
+    repairs: NDArray[np.int64]  #: (...) covariance repairs so far
+    failed_at: NDArray[np.int64]  #: (...) the epoch at which the run was frozen; -1 while it is well
+
+
+B = TypeVar("B")
+
+
+class Filter(Protocol[B]):
+    """A frozen dataclass of settings. The belief ``b`` flows through; ``b.health`` tells how each run fares."""
+
+    def init(self, prior: Gaussian, rng: Any) -> B:
+        """The belief at the start. ``rng``: one Generator, or a sequence with one per run."""
+        ...
+
+    def step(self, b: B, tr: Transition, me: Measurement | None) -> tuple[B, Innovation | None]:
+        """Predict over one epoch, then correct with the measurement, if there is one."""
+        ...
+
+    def estimate(self, b: B) -> Gaussian:
+        """Mean and covariance, whatever the belief is made of."""
+        ...
+
+    def relocate(self, b: B, g: Function, jac: Callable[[Array], Array]) -> B:
+        """Feedback: every mean, point or particle x -> g(x), every covariance P -> J(x) P J(x)'."""
+        ...
