@@ -168,6 +168,11 @@ def misalignment_dcm(phi: Array) -> Array:
     return np.ascontiguousarray(np.moveaxis(C, (0, 1), (-2, -1)))
 
 
+def misalignment_quaternion(phi: Array) -> Array:
+    """The quaternion (..., 4) of C_n^c(phi), whose transpose is Rz(phi_U) Rx(phi_E) Ry(phi_N)."""
+    return conjugate(from_euler(-phi[..., 2], phi[..., 0], phi[..., 1]))
+
+
 def misalignment_from_dcm(C: Array) -> Array:
     """phi (..., 3) of C_n^c (..., 3, 3); phi_E in +-90 deg. equations.md C.1."""
     return np.stack(

@@ -68,6 +68,7 @@ class Health(NamedTuple):
     epoch: int  #: steps taken since init
     repairs: NDArray[np.int64]  #: (...) covariance repairs so far
     failed_at: NDArray[np.int64]  #: (...) the epoch at which the run was frozen; -1 while it is well
+    frozen: bool = False  #: whether any run was: one look per step instead of a search
 
 
 B = TypeVar("B")

@@ -78,7 +78,7 @@ class SwayWorld:
         spread = np.asarray(self.task.prior.attitude_std_deg)
         fixed = self.settings.misalignment_deg
         phi = DEG * (spread * draws[:, :3] if fixed is None else np.broadcast_to(fixed, (len(rngs), 3)))
-        computed = attitude.multiply(attitude.from_dcm(attitude.misalignment_dcm(phi)), truth.q_nb)
+        computed = attitude.multiply(attitude.misalignment_quaternion(phi), truth.q_nb)
         vel = truth.vel + self.task.prior.velocity_std_mps * draws[:, 3:]
         return truth, NavState(computed, vel, np.broadcast_to(self.task.site.pos, vel.shape).copy())
 

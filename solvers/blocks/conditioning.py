@@ -1,15 +1,15 @@
 """Gain and conditioning: written once for every Gaussian filter. # 000 (3.2.10-14)
 
 With S = L L' the innovation covariance and W = L^-1 P_yx, the gain is K = W' L^-1 and the posterior
-P - K S K' = P - W'W. That form needs only the moments, so it serves linear, linearised and sigma-point rules
-alike (the Joseph form needs H and R apart, and gives nothing for a sigma-point cross covariance), it is exactly
-symmetric, and it keeps no small matrix inverted twice. Where rounding makes the result indefinite, the next
-square root repairs it and the repair is counted.
+P - K S K' = P - W'W. That form needs the moments alone, so it serves linear, linearised and sigma-point rules
+alike (Joseph's form needs H and R apart, and a sigma-point rule has no H), and it is exactly symmetric.
+Where rounding makes the result indefinite, the next square root repairs it and the repair is counted.
 """
 
 from __future__ import annotations
 
 import math
+from typing import cast
 
 import numpy as np
 
@@ -61,8 +61,9 @@ def _inverse_root(S: Array) -> tuple[Array, Mask | None]:
     """L^-1 with S = L L'; a direction that is known exactly (zero row of S) gets zero, hence no gain."""
     L, repaired = cholesky(S)
     try:
-        return np.linalg.inv(L), repaired
+        return cast(Array, np.linalg.inv(L)), repaired
     except np.linalg.LinAlgError:
         known = np.diagonal(L, axis1=-2, axis2=-1) == 0.0
         free = ~(known[..., :, None] | known[..., None, :])
-        return np.linalg.inv(np.where(known[..., None] & np.eye(S.shape[-1], dtype=bool), 1.0, L)) * free, repaired
+        regular = np.where(known[..., None] & np.eye(S.shape[-1], dtype=bool), 1.0, L)
+        return np.linalg.inv(regular) * free, repaired

@@ -48,12 +48,12 @@ def linear_moments(g: Linear, x: Gaussian) -> Moments:
 
 @dataclass(frozen=True)
 class SigmaPoints:
-    """Moments from the points of ``points`` on the square root ``root`` of the covariance.
+    """Moments from the points of ``rule`` on the square root ``root`` of the covariance.
 
     chi_i = x + S xi_i, gamma_i = g(chi_i), weighted sums about the mean. # 000 (3.3.62-66), (3.3.83-87)
     """
 
-    points: PointRule
+    rule: PointRule
     root: str = "cholesky"  #: "cholesky" or "svd"
 
     def __post_init__(self) -> None:
@@ -61,7 +61,7 @@ class SigmaPoints:
             raise unknown("root", self.root, ROOTS)
 
     def transform(self, g: Function, x: Gaussian) -> tuple[Gaussian, Mask | None]:
-        p = points(self.points, x.mean.shape[-1])
+        p = points(self.rule, x.mean.shape[-1])
         S, repaired = ROOTS[self.root](x.cov)
         chi = p.xi @ S.mT
         chi += x.mean[..., None, :]  # in place: a second array of this size costs more than the sum
@@ -69,7 +69,7 @@ class SigmaPoints:
         return Gaussian(mean, cov), repaired
 
     def moments(self, g: Function, x: Gaussian) -> tuple[Moments, Mask | None]:
-        p = points(self.points, x.mean.shape[-1])
+        p = points(self.rule, x.mean.shape[-1])
         S, repaired = ROOTS[self.root](x.cov)
         deviation = p.xi @ S.mT
         mean, cov, spread = _weigh(g(deviation + x.mean[..., None, :]), p)
@@ -105,7 +105,7 @@ def _product(a: Array, b: Array, p: Points) -> Array:
 
 @dataclass(frozen=True)
 class Linearized:
-    """Moments of the tangent of g ``at`` the mean, or at the origin whatever the mean is. # 000 (3.3.1-3.3.3)"""
+    """Moments of the tangent of g at the mean, or at the origin whatever the mean is. # 000 (3.3.1-3)"""
 
     at: Literal["mean", "origin"] = "mean"
 
@@ -147,6 +147,5 @@ def tangent(g: Function, x: Array, scale: Array) -> tuple[Array, Array]:
     grid[..., i, i] += step
     grid[..., n + i, i] -= step
     y = g(grid)
-    width = grid[..., i, i] - grid[..., n + i, i]  # the step that the numbers really took
-    J = (y[..., :n, :] - y[..., n : 2 * n, :]) / width[..., None]
+    J = (y[..., :n, :] - y[..., n : 2 * n, :]) * (0.5 / step)[..., None]
     return y[..., 2 * n, :], J.mT

@@ -7,6 +7,7 @@ cached, so a filter may ask for them at every step.
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple, Protocol
@@ -19,10 +20,10 @@ from solvers.types import Array
 class Points(NamedTuple):
     """Weighted points of N(0, I). A centre point, if the rule has one, comes first.
 
-    The outer points have the same weight for mean and covariance; only the centre's may differ. With y0 the
+    An outer point has the same weight for mean and covariance; only the centre's may differ. With y0 the
     image of the centre, e = mean - y0 and ybar the weighted average of the outer images, the covariance
-    sum wc (y - mean)(y - mean)' equals sum_outer wc (y - ybar)(y - ybar)' + pull e e', which stays accurate when
-    the weights are huge (alpha = 1e-3 has wm[0] = -1e6).
+    sum wc (y - mean)(y - mean)' equals sum_outer wc (y - ybar)(y - ybar)' + pull e e', which stays accurate
+    when the weights are huge (alpha = 1e-3 has wm[0] = -1e6).
     """
 
     xi: Array  #: (points, n)
@@ -34,7 +35,7 @@ class Points(NamedTuple):
     equal: float | None  #: the weight of every outer point, None if they differ
 
 
-class PointRule(Protocol):
+class PointRule(Hashable, Protocol):
     """A hashable dataclass of settings that knows its points in every dimension."""
 
     def build(self, n: int) -> Points: ...
@@ -86,7 +87,7 @@ class Unscented:
         wm[0] = 1.0 - n / c
         wc = wm.copy()
         wc[0] += 1.0 - self.alpha**2 + self.beta
-        pull = self.beta + self.alpha**2 * self.kappa / n  # wc[0] + total - 2 + 1 / total, without cancellation
+        pull = self.beta + self.alpha**2 * self.kappa / n  # = wc[0] + total - 2 + 1 / total, not cancelled
         return Points(xi, wm, wc, centre=True, total=n / c, pull=pull, equal=0.5 / c)
 
 

@@ -1,12 +1,13 @@
-"""Square roots S of covariances, P = S S', for whole batches; the only place where a covariance is repaired.
+"""Square roots S of covariances, P = S S', for whole batches; the only place where one is repaired.
 
-A root that needed repair is reported by a mask over the batch, or by None when no item did: the common case is
-one LAPACK call and costs nothing more.
+A root that needed repair is reported by a mask over the batch, or by None when no item did: the common case
+is one LAPACK call and costs nothing more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ def symmetrize(P: Array) -> Array:
 
 def tria(M: Array) -> Array:
     """The lower triangular S (..., n, n), diagonal >= 0, with S S' = M M', for M (..., n, k), k >= n."""
-    S = np.linalg.qr(M.mT, mode="r").mT
+    S = cast(Array, np.linalg.qr(M.mT, mode="r")).mT
     return S * np.where(np.diagonal(S, axis1=-2, axis2=-1) < 0, -1.0, 1.0)[..., None, :]
 
 
@@ -35,10 +36,10 @@ def cholesky(P: Array) -> tuple[Array, Mask | None]:
 
     An item that is not positive definite is repaired by clipping the eigenvalues of its correlation matrix at
     ``FLOOR``, so that the units of the states do not matter; a state of zero variance stays at zero. An item
-    that is not finite, or has no positive variance left to keep, gets a NaN factor. The others keep their bits.
+    that is not finite, or has no positive variance left, gets a NaN factor. The others keep their bits.
     """
     try:
-        return np.linalg.cholesky(P), None
+        return cast(Array, np.linalg.cholesky(P)), None
     except np.linalg.LinAlgError:
         return _cholesky_with_repairs(P)
 
@@ -48,7 +49,7 @@ def svd_root(P: Array) -> tuple[Array, Mask | None]:
 
     Not triangular. Only an indefinite P, beyond rounding, counts as repaired. # 003, E.4 "roots"
     """
-    finite = np.isfinite(P).all(axis=(-2, -1))
+    finite = _finite_items(P)
     eigenvalues, U = np.linalg.eigh(np.where(finite[..., None, None], P, 0.0))
     largest = eigenvalues[..., -1]
     repaired = eigenvalues[..., 0] < -FLOOR * np.abs(largest)
@@ -70,7 +71,7 @@ def _cholesky_with_repairs(P: Array) -> tuple[Array, Mask | None]:
     bad = np.zeros(len(flat), dtype=bool)
     _factor(flat, S, bad)
     S[bad] = _clipped_factor(flat[bad])
-    repaired = bad & np.isfinite(S).all(axis=(-2, -1))
+    repaired = bad & _finite_items(S)
     return S.reshape(P.shape), repaired.reshape(P.shape[:-2]) if repaired.any() else None
 
 
@@ -89,7 +90,7 @@ def _factor(P: Array, S: Array, bad: Mask) -> None:
 
 def _clipped_factor(P: Array) -> Array:
     """The lower factor of P (B, n, n) with its negative part removed; NaN where nothing can be saved."""
-    finite = np.isfinite(P).all(axis=(-2, -1))
+    finite = _finite_items(P)
     P = np.where(finite[:, None, None], symmetrize(P), 0.0)
     scale = np.sqrt(np.abs(np.diagonal(P, axis1=-2, axis2=-1)))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
@@ -100,3 +101,7 @@ def _clipped_factor(P: Array) -> Array:
     lost = ~finite | ((largest[:, 0] <= 0.0) & (scale > 0.0).any(axis=-1))
     S[lost] = np.nan
     return S
+
+
+def _finite_items(P: Array) -> Mask:
+    return np.asarray(np.isfinite(P).all(axis=(-2, -1)))

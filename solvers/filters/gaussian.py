@@ -36,14 +36,14 @@ class GaussianFilter:
         raise NotImplementedError(f"{type(self).__name__} has no moment rule")
 
     def init(self, prior: Gaussian, rng: Any = None) -> Belief:
-        """The belief at the start. A run whose prior is not finite is failed at epoch 0; ``rng`` is not used."""
+        """The belief at the start; a run whose prior is not finite failed at epoch 0. ``rng`` is not used."""
         return initial_belief(prior)
 
     def step(self, b: Belief, tr: Transition, me: Measurement | None) -> tuple[Belief, Innovation | None]:
         """Predict, then correct from points redrawn about the prediction.
 
-        A run that turns non-finite is frozen at its last good belief and marked in ``health``; from then on its
-        innovation is NaN. The other runs go on as if it were not there.
+        A run that turns non-finite is frozen at its last good belief and marked in ``health``; from then on
+        its innovation is NaN. The other runs go on as if it were not there.
         """
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # such runs are marked instead
             x, repaired = self.predict(b, tr)
@@ -88,7 +88,8 @@ def initial_belief(prior: Gaussian) -> Belief:
     n = mean.shape[-1] if mean.ndim else 0
     given = np.shape(prior.cov)
     if n == 0 or given not in ((*mean.shape, n), (n, n)):
-        raise ValueError(f"prior mean of shape {mean.shape} needs a covariance of shape {(*mean.shape, n)}, not {given}")
+        needed = (*mean.shape, n)
+        raise ValueError(f"prior mean of shape {mean.shape}: the covariance must be {needed}, given {given}")
     cov = np.array(np.broadcast_to(prior.cov, (*mean.shape, n)), dtype=float)
     well = _finite_runs(Gaussian(mean, cov))
     failed_at = np.where(well, -1, 0)

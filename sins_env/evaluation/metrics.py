@@ -1,0 +1,233 @@
+"""Scores across runs, with intervals: pure functions of :class:`Records`. evaluation.md section 1.
+
+No run is dropped: a run that diverged enters with its errors, one that raised with the worst error from there on.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from sins_env.evaluation.scoring import NEES_AT, Records
+from sins_env.specs import ARCSEC
+
+Array = NDArray[np.float64]
+Interval = tuple[float, float]
+
+CONFIDENCE = 0.95
+RESAMPLES = 4999
+SEED = 20110607  #: of the bootstrap: a table is the same whenever it is made
+NO_INTERVAL: Interval = (math.nan, math.nan)
+
+
+def median_interval(times: Array) -> tuple[float, Interval]:
+    """Median with its percentile-bootstrap interval; censored times are +inf. (R,) s."""
+    rng = np.random.default_rng(SEED)
+    medians = np.concatenate(
+        [np.median(rng.choice(times, (count, len(times))), axis=1) for count in _batches(len(times))]
+    )
+    tail = 50 * (1 - CONFIDENCE)
+    low, high = np.percentile(medians, [tail, 100 - tail], method="inverted_cdf")  # interpolation would make inf - inf
+    return float(np.median(times)), (float(low), float(high))
+
+
+def restricted_mean(times: Array, horizon: float) -> float:
+    """Mean of min(t, horizon), s: the mean time to alignment as far as the episode could show it."""
+    return float(np.minimum(times, horizon).mean())
+
+
+def rms_interval(rms: Array) -> tuple[float, Interval]:
+    """RMS across runs of each run's RMS, with a 95 % BCa interval; no interval for one run, a point for equal ones.
+
+    The bootstrap resamples the runs' mean squares: within a run the errors are one correlated path.
+    """
+    squares = np.square(rms)
+    value = float(np.sqrt(squares.mean()))
+    if len(rms) < 2:
+        return value, NO_INTERVAL
+    if np.ptp(squares) <= 1e-12 * squares.max():
+        return value, (value, value)
+    with warnings.catch_warnings():  # BCa of very few runs may be degenerate; then the percentile interval stands
+        warnings.simplefilter("ignore")
+        low, high = _bootstrap(squares, "BCa")
+        if not (math.isfinite(low) and math.isfinite(high)):
+            low, high = _bootstrap(squares, "percentile")
+    return value, (float(low), float(high))
+
+
+def _bootstrap(squares: Array, method: str) -> Interval:
+    found = stats.bootstrap(
+        (squares,),
+        lambda x, axis=-1: np.sqrt(np.mean(x, axis=axis)),
+        n_resamples=RESAMPLES,
+        batch=max(1_000_000 // len(squares), 1),
+        vectorized=True,
+        confidence_level=CONFIDENCE,
+        method=method,
+        rng=np.random.default_rng(SEED),
+    )
+    return float(found.confidence_interval.low), float(found.confidence_interval.high)
+
+
+def _batches(size: int) -> list[int]:
+    """Resamples in portions of about a million draws."""
+    portion = max(1_000_000 // size, 1)
+    return [min(portion, RESAMPLES - done) for done in range(0, RESAMPLES, portion)]
+
+
+class Nees(NamedTuple):
+    """Mean over runs of e' P^-1 e at one time; 3 is consistent."""
+
+    t_s: float  #: from switch-on
+    mean: float
+    band: Interval  #: where 95 % of such means lie if the covariances are right
+    runs: int
+
+    @property
+    def inside(self) -> bool:
+        return self.band[0] <= self.mean <= self.band[1]
+
+
+def nees_band(runs: int, dof: int = 3) -> Interval:
+    """95 % band of the mean of ``runs`` chi-square values."""
+    tail = 0.5 * (1 - CONFIDENCE)
+    low, high = stats.chi2.ppf([tail, 1 - tail], dof * runs) / runs
+    return float(low), float(high)
+
+
+def consistency(records: Records) -> tuple[Nees, ...]:
+    """NEES at the task's times; empty where no covariance was reported or it is not scored."""
+    out = []
+    for epoch, values in zip(records.criteria.nees_epochs, records.nees.T, strict=False):
+        known = values[~np.isnan(values)]
+        if len(known):
+            t = epoch * records.criteria.epoch_s
+            out.append(Nees(t, float(known.mean()), nees_band(len(known)), len(known)))
+    return tuple(out)
+
+
+def success_profile(records: Records, points: int = 60) -> tuple[Array, Array, Array, Array]:
+    """Success against the threshold: azimuth deltas, success, level deltas, success; deltas (points,) rad.
+
+    A run succeeds at delta if the largest error of its last hold_s is within delta, so no ranking hangs on one delta.
+    """
+    out = []
+    for largest, delta in (
+        (records.hold_max[:, 2], records.criteria.delta[2]),
+        (records.hold_max[:, :2].max(axis=1), records.criteria.delta[0]),
+    ):
+        deltas = delta * np.geomspace(0.1, 10.0, points)
+        out += [deltas, (largest[:, None] <= deltas).mean(axis=0)]
+    return out[0], out[1], out[2], out[3]
+
+
+def heading_spread(headings: Array) -> float:
+    """Repeatability: standard deviation over runs of the final heading, rad; NaN for fewer than two."""
+    known = headings[np.isfinite(headings)]
+    if len(known) < 2:
+        return math.nan
+    centre = np.angle(np.exp(1j * known).mean())
+    away = np.angle(np.exp(1j * (known - centre)))
+    return float(away.std(ddof=1))
+
+
+@dataclass(frozen=True)
+class Summary:
+    """One line of the board. Errors in arcsec by axis E, N, U; times in s from the start of fine alignment."""
+
+    runs: int
+    success: float  #: part of the runs whose three errors all converged
+    success_by_axis: dict[str, float]
+    t_conv_median_s: float  #: inf where most runs are censored
+    t_conv_ci_s: Interval
+    t_conv_restricted_mean_s: float
+    coarse_s: float  #: to be added for times from switch-on
+    steady_s: float  #: length of the steady state
+    mean: dict[str, float]  #: over runs of the steady-state mean
+    std: dict[str, float]  #: over runs: mean of the steady-state standard deviation within a run
+    rms: dict[str, float]  #: over runs and the steady state
+    rms_ci: dict[str, Interval]
+    rms_final: dict[str, float]  #: over runs, at T
+    rms_final_ci: dict[str, Interval]
+    nees: tuple[Nees, ...]
+    spread_deg: float  #: of the final heading over runs; tells something only where the truth is the same
+    counts: dict[str, int]  #: of each failure: diverged, frozen, raised, lost, repaired
+
+    @property
+    def failures(self) -> int:
+        """Runs that diverged, froze, raised, were lost, or needed a repair: each counted once."""
+        return self.counts["any"]
+
+    @property
+    def t_conv_from_switch_on_s(self) -> float:
+        return self.t_conv_median_s + self.coarse_s
+
+
+def failure_counts(records: Records) -> dict[str, int]:
+    """Runs by what went wrong; ``repaired`` may overlap with the others, ``any`` counts each run once."""
+    counts = {name: int((records.status == name).sum()) for name in ("diverged", "frozen", "raised", "lost")}
+    counts["repaired"] = int((records.repairs > 0).sum())
+    counts["any"] = int(((records.status != "ok") | (records.repairs > 0)).sum())
+    return counts
+
+
+def summarise(records: Records) -> Summary:
+    """All scores of a set of runs."""
+    c = records.criteria
+    aligned = records.aligned_s
+    median, interval = median_interval(aligned)
+    steady = [rms_interval(records.steady_rms[:, j]) for j in range(3)]
+    final = [rms_interval(np.abs(records.final[:, j])) for j in range(3)]
+    return Summary(
+        runs=len(records),
+        success=float(np.isfinite(aligned).mean()),
+        success_by_axis=_by_axis(np.isfinite(records.t_conv).mean(axis=0)),
+        t_conv_median_s=median,
+        t_conv_ci_s=interval,
+        t_conv_restricted_mean_s=restricted_mean(aligned, c.horizon_s),
+        coarse_s=c.coarse_s,
+        steady_s=(c.num_epochs - c.steady_from + 1) * c.epoch_s,
+        mean=_by_axis(records.steady_mean.mean(axis=0) / ARCSEC),
+        std=_by_axis(records.steady_std.mean(axis=0) / ARCSEC),
+        rms=_by_axis([value / ARCSEC for value, _ in steady]),
+        rms_ci={axis: _arcsec(ci) for axis, (_, ci) in zip("ENU", steady, strict=True)},
+        rms_final=_by_axis([value / ARCSEC for value, _ in final]),
+        rms_final_ci={axis: _arcsec(ci) for axis, (_, ci) in zip("ENU", final, strict=True)},
+        nees=consistency(records),
+        spread_deg=math.degrees(heading_spread(records.heading)),
+        counts=failure_counts(records),
+    )
+
+
+def _by_axis(values: Array | list[float]) -> dict[str, float]:
+    return {axis: float(value) for axis, value in zip("ENU", values, strict=True)}
+
+
+def _arcsec(interval: Interval) -> Interval:
+    return interval[0] / ARCSEC, interval[1] / ARCSEC
+
+
+def rms_band(history: NDArray[np.float32], resamples: int = 400) -> tuple[Array, Array, Array]:
+    """RMS over runs at each time with its 95 % percentile-bootstrap band: (R, S) -> three of (S,).
+
+    Runs that have no history any more are left out of the curve from there on.
+    """
+    known = np.isfinite(history)
+    squares = np.where(known, np.square(history, dtype=float), 0.0)
+    weights = np.random.default_rng(SEED).multinomial(len(history), [1 / len(history)] * len(history), resamples)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        drawn = np.sqrt((weights @ squares) / (weights @ known.astype(float)))
+        value = np.sqrt(squares.sum(axis=0) / known.sum(axis=0))
+    filled = np.where(np.isnan(drawn), np.inf, drawn)
+    tail = 50 * (1 - CONFIDENCE)
+    low, high = np.percentile(filled, [tail, 100 - tail], axis=0, method="inverted_cdf")
+    return value, low, np.where(np.isinf(high), value, high)
+
+
+assert len(NEES_AT) == 4  # the store has one column for each

@@ -1,0 +1,138 @@
+"""Finding solvers: by the name of an entry point in the group ``sins_env.estimators``, or as ``package.module:Factory``."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.metadata
+import importlib.util
+import inspect
+import os
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import sins_env
+from sins_env.errors import unknown
+from sins_env.types import Estimator
+
+GROUP = "sins_env.estimators"
+Factory = Callable[..., Estimator]
+Solver = str | Factory
+
+
+def names() -> list[str]:
+    """The solvers that installed packages offer."""
+    return sorted({point.name for point in importlib.metadata.entry_points(group=GROUP)})
+
+
+def solver_name(solver: Solver) -> str:
+    """What a solver is called in tables: the name it was asked for, or module:name of a class or function."""
+    if isinstance(solver, str):
+        return solver
+    return f"{getattr(solver, '__module__', '?')}:{getattr(solver, '__qualname__', type(solver).__qualname__)}"
+
+
+def find(solver: Solver) -> Factory:
+    """The factory of a solver; the current directory is searched for modules, too.
+
+    Raises:
+        ValueError: no such name, module or attribute (the nearest one is offered), or a module that fails to import.
+    """
+    if not isinstance(solver, str):
+        if not callable(solver):
+            raise ValueError(f"solver {solver!r}; allowed: a name, 'package.module:Factory', or a class or function")
+        return solver
+    if ":" in solver:
+        return _from_module(solver)
+    points = {point.name: point for point in importlib.metadata.entry_points(group=GROUP)}
+    if solver not in points:
+        hint = "" if points else " (no solvers are installed: pip install . in the project's directory)"
+        raise ValueError(f"{unknown('solver', solver, points)}, or module:Factory{hint}")
+    try:
+        factory = points[solver].load()
+    except Exception as error:
+        raise ValueError(f"solver {solver!r} ({points[solver].value}) cannot be loaded: {_line(error)}") from error
+    return _callable(factory, solver)
+
+
+def _from_module(path: str) -> Factory:
+    module_name, _, attribute = path.partition(":")
+    if os.getcwd() not in sys.path and "" not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    try:
+        module = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        raise ValueError(f"solver {path!r}: {error}; allowed: module:Factory, importable from {os.getcwd()}") from error
+    except Exception as error:
+        raise ValueError(f"solver {path!r}: importing {module_name} failed with {_line(error)}") from error
+    target: Any = module
+    for part in attribute.split("."):
+        if not hasattr(target, part):
+            public = [name for name, value in vars(target).items() if callable(value) and not name.startswith("_")]
+            raise unknown(f"factory in {module_name}", attribute, public)
+        target = getattr(target, part)
+    return _callable(target, path)
+
+
+def _callable(factory: Any, name: str) -> Factory:
+    if not callable(factory):
+        raise ValueError(f"solver {name!r} is a {type(factory).__name__}; allowed: a class or function that makes an estimator")
+    return factory  # type: ignore[no-any-return]
+
+
+def _line(error: BaseException) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
+def make(solver: Solver, settings: Mapping[str, Any] | None = None) -> Estimator:
+    """An estimator of that solver; ``settings`` are passed as keywords.
+
+    Raises:
+        ValueError: as :func:`find`; settings the factory refuses; a product without ``reset``, ``step`` and ``batched``.
+    """
+    name, given = solver_name(solver), dict(settings or {})
+    try:
+        estimator = find(solver)(**given)
+    except ValueError:
+        raise
+    except Exception as error:
+        what = f"settings {given}" if given else "no settings"
+        raise ValueError(f"solver {name!r} cannot be made with {what}: {_line(error)}") from error
+    missing = [part for part in ("batched", "reset", "step") if not hasattr(estimator, part)]
+    if missing:
+        raise ValueError(f"solver {name!r} makes a {type(estimator).__name__} without {', '.join(missing)}")
+    return estimator
+
+
+def describe(solver: Solver) -> tuple[str, dict[str, str]]:
+    """First paragraph of the docstring, and the settings with their defaults as text."""
+    factory = find(solver)
+    text = inspect.getdoc(factory) or inspect.getdoc(type(make(solver))) or ""
+    settings: dict[str, str] = {}
+    for parameter in inspect.signature(factory).parameters.values():
+        if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY):
+            default = parameter.default
+            settings[parameter.name] = "required" if default is parameter.empty else repr(default)
+    return text.split("\n\n")[0], settings
+
+
+#: Parts of the evaluation that decide scores; an edit of the others does not make old results stale.
+_SCORING = ("tasks.py", "episode.py", "scoring.py")
+
+
+def code_version(solver: Solver) -> str:
+    """The package's version and 8 hex digits over the sources of world, scoring and solver: other code, other rows."""
+    world = Path(sins_env.__file__).parent
+    files = [path for path in world.rglob("*.py") if path.parent.name != "evaluation" or path.name in _SCORING]
+    module = sys.modules.get(getattr(find(solver), "__module__", ""))
+    source = getattr(module, "__file__", None)
+    if module is not None and source:
+        top = sys.modules.get(module.__name__.partition(".")[0])
+        folders = [Path(folder) for folder in getattr(top, "__path__", [])]
+        files += [path for folder in folders for path in folder.rglob("*.py")] or [Path(source)]
+    digest = hashlib.sha256()
+    for path in sorted(set(files)):
+        digest.update(path.name.encode() + path.read_bytes())
+    return f"{sins_env.__version__}+{digest.hexdigest()[:8]}"

@@ -1,0 +1,212 @@
+"""Evaluation tasks: an environment, frozen keyword arguments, thresholds and a suite seed. The version is in the name.
+
+Run seeds derive from the suite seed, the task's name and the run alone, so they depend neither on the number of workers
+nor on the solver: every solver meets the same runs. evaluation.md section 2.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
+
+import sins_env  # noqa: F401  registers the environments
+from sins_env.errors import unknown
+from sins_env.specs import ARCSEC, DEG
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EvaluationTask:
+    """What is run and what counts as aligned. A change of any field but ``what`` and ``source`` is a new version."""
+
+    name: str
+    what: str
+    source: str
+    env_id: str
+    delta_azimuth_deg: float
+    delta_level_arcsec: float
+    kwargs: Mapping[str, Any] = field(default_factory=dict)  #: of the environment; JSON-able
+    hold_s: float = 60.0  #: how long an error must stay within its threshold until the end
+    suite_seed: int = 0
+    windows: tuple[tuple[float, float], ...] = ()  #: of a recording: run i is window i (start s, length s)
+
+    @property
+    def delta(self) -> Array:
+        """Thresholds for the errors E, N, U: (3,) rad."""
+        level = self.delta_level_arcsec * ARCSEC
+        return np.array([level, level, self.delta_azimuth_deg * DEG])
+
+    @property
+    def max_runs(self) -> int | None:
+        """The number of windows of a recording; None where runs are drawn."""
+        return len(self.windows) or None
+
+    def check_runs(self, runs: int) -> None:
+        """Raises ValueError unless 1 <= runs, and runs <= max_runs for a recording."""
+        if runs < 1:
+            raise ValueError(f"runs = {runs!r}; allowed: at least 1")
+        if self.max_runs is not None and runs > self.max_runs:
+            raise ValueError(f"runs = {runs} on {self.name}; allowed: up to {self.max_runs}, the windows of its recording")
+
+    def make(self, num_envs: int, **more: Any) -> VectorEnv[Any, Any, Any]:
+        """The native vector environment of ``num_envs`` runs.
+
+        Raises:
+            ValueError, FileNotFoundError: settings that do not fit, a recording that is not there.
+        """
+        return gymnasium.make_vec(self.env_id, num_envs=num_envs, **{**self.kwargs, **more})
+
+    def reset(
+        self, env: VectorEnv[Any, Any, Any], runs: Sequence[int], suite_seed: int | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset ``env`` (one row per run) to these runs of the suite; observation 1 and the info of the start."""
+        options = {"window": [list(self.windows[run]) for run in runs]} if self.windows else None
+        return env.reset(seed=[run_seed(self, run, suite_seed) for run in runs], options=options)
+
+
+def _sequence(task: EvaluationTask, suite_seed: int | None, *key: int) -> np.random.SeedSequence:
+    seed = task.suite_seed if suite_seed is None else suite_seed
+    if seed < 0:
+        raise ValueError(f"seed = {seed}; allowed: a whole number that is not negative")
+    return np.random.SeedSequence(seed, spawn_key=(zlib.crc32(task.name.encode()), *key))
+
+
+def run_seed(task: EvaluationTask, run: int, suite_seed: int | None = None) -> int:
+    """The environment's seed of one run; the same for every solver."""
+    return int(_sequence(task, suite_seed, run).generate_state(1, np.uint64)[0])
+
+
+def solver_rng(task: EvaluationTask, solver: str, run: int, suite_seed: int | None = None) -> np.random.Generator:
+    """The stream that one solver draws from in one run."""
+    return np.random.default_rng(_sequence(task, suite_seed, zlib.crc32(solver.encode()), run))
+
+
+def suite_hash(task: EvaluationTask, suite_seed: int | None = None) -> str:
+    """What may be published of a secret suite seed: 16 hex digits of its SHA-256."""
+    seed = task.suite_seed if suite_seed is None else suite_seed
+    return hashlib.sha256(f"sins-env suite {seed}".encode()).hexdigest()[:16]
+
+
+DIGEST_EPOCHS = 20
+
+
+def digest(task: EvaluationTask) -> str:
+    """16 hex digits that change when the world of a task changes: its starts and first epochs, runs 0 and 1.
+
+    Each field enters as four weighted sums to nine digits. Values themselves could not be rounded safely: an increment
+    is a small difference, and another CPU's last bit would cross a rounding edge somewhere among thousands.
+    """
+    env = task.make(2)
+    obs, info = task.reset(env, (0, 1))
+    fields: dict[str, list[Array]] = {name: [] for name in sorted(obs)}
+    for _ in range(DIGEST_EPOCHS):
+        for name, parts in fields.items():
+            parts.append(np.asarray(obs[name], dtype=np.float64))
+        obs, _, _, _, step = env.step(info["start"]["q_nb"])
+        fields.setdefault("phi", []).append(step["errors"]["phi"])
+    env.close()
+    fields.update({name: [info["start"][name]] for name in ("q_nb", "vel", "pos")})
+    lines = []
+    for name, parts in fields.items():
+        values = np.concatenate([part.ravel() for part in parts])
+        weights = np.random.default_rng(0).uniform(-1.0, 1.0, (4, len(values)))
+        sums = (weights * values).sum(axis=1)
+        lines.append(name + " " + " ".join(f"{0.0 if abs(s) < 1e-15 else s:.8e}" for s in sums))
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
+
+
+def _windows(end: float, length: float, stride: float) -> tuple[tuple[float, float], ...]:
+    return tuple((float(start), length) for start in np.arange(0.0, end - length + 1e-9, stride))
+
+
+_SWAY = "SINS/AlignSway-v0"
+_TASKS = (
+    EvaluationTask(
+        "sway-white-v0",
+        "swaying base, told attitude wrong by 1/1/15 deg (1 sigma), white IMU errors, matched prior, 360 s",
+        "000 ch. 3, 5",
+        _SWAY,
+        delta_azimuth_deg=0.7,
+        delta_level_arcsec=70.0,
+        kwargs={"imu": "thesis-white", "gps": "thesis", "start": "told", "prior": "matched", "duration": 360.0},
+    ),
+    EvaluationTask(
+        "sway-markov-v0",
+        "the same with Gauss-Markov errors added to the biases, 600 s",
+        "000 ch. 3-5",
+        _SWAY,
+        delta_azimuth_deg=1.6,
+        delta_level_arcsec=70.0,
+        kwargs={"imu": "thesis-markov", "gps": "thesis", "start": "told", "prior": "matched", "duration": 600.0},
+    ),
+    EvaluationTask(
+        "sway-told-wrong-v0",
+        "filters are told the prior of 000 section 2.5.4 and R = (0.1 m/s)^2 while the GPS is 0.01 m/s, 360 s",
+        "equations.md L",
+        _SWAY,
+        delta_azimuth_deg=0.6,
+        delta_level_arcsec=60.0,
+        kwargs={
+            "imu": "thesis-white",
+            "gps": {"vel_std_mps": 0.01, "rate_hz": 10},
+            "start": "told",
+            "prior": "thesis",
+            "duration": 360.0,
+        },
+    ),
+    EvaluationTask(
+        "sway-scratch-v0",
+        "swaying base, unknown attitude: 120 s coarse and 360 s fine alignment",
+        "000 fig. 2.6",
+        _SWAY,
+        delta_azimuth_deg=0.7,
+        delta_level_arcsec=70.0,
+        kwargs={
+            "imu": "thesis-white",
+            "gps": "thesis",
+            "start": "unknown",
+            "prior": "matched",
+            "coarse": 120.0,
+            "duration": 480.0,
+        },
+    ),
+    EvaluationTask(
+        "rlg-car-v0",
+        "real laser-gyro recording of a disturbed parked car: 300 s windows every 150 s, 90 s coarse and 210 s fine",
+        "../shared/data",
+        "SINS/Replay-v0",
+        delta_azimuth_deg=0.3,
+        delta_level_arcsec=90.0,
+        kwargs={"recording": "rlg_parked_car.npz", "window": [0.0, 300.0], "coarse": 90.0},
+        windows=_windows(1230.0, 300.0, 150.0),
+    ),
+)
+
+TASKS: dict[str, EvaluationTask] = {task.name: task for task in _TASKS}
+
+
+def tasks() -> list[str]:
+    """The names of all tasks."""
+    return list(TASKS)
+
+
+def get_task(name: str | EvaluationTask) -> EvaluationTask:
+    """A task by name; a task is passed through.
+
+    Raises:
+        ValueError: an unknown name; the nearest one is offered.
+    """
+    if isinstance(name, EvaluationTask):
+        return name
+    if name not in TASKS:
+        raise unknown("task", name, TASKS)
+    return TASKS[name]

@@ -1,0 +1,28 @@
+"""Extended Kalman filter.
+
+Idea: replace f and h by their tangents at the current mean, then do as the Kalman filter does.
+
+Source: Jazwinski (1970), Stochastic Processes and Filtering Theory, ch. 8; equations in 000 (3.3.1-3.3.9).
+Shapes: x (..., n), P (..., n, n), z (..., m); ``...`` any batch.
+Departures: x- = f(x) and z- = h(x-), where 000 prints Phi x and H x-, true of linear systems alone; posterior
+as P - K S K' instead of Joseph's form; Jacobians of functions without ``jacobian`` by central differences.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from solvers.blocks.moments import Linearized
+from solvers.filters.gaussian import GaussianFilter
+from solvers.filters.registry import register
+
+
+@register("ekf")
+@dataclass(frozen=True)
+class EKF(GaussianFilter):
+    """The extended Kalman filter."""
+
+    @cached_property
+    def rule(self) -> Linearized:
+        return Linearized("mean")

@@ -1,0 +1,181 @@
+"""IMU -> attitude: coarse alignment, then strapdown, error model and any filter of the zoo, open or closed loop."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import attitude, earth
+from sins_env.errors import unknown
+from sins_env.types import NavState, Observation, Rng, Task
+from solvers.pipeline import feedback as reset
+from solvers.pipeline.coarse_alignment import METHODS, CoarseAlignment
+from solvers.pipeline.error_state import PHI, AlignmentErrors
+from solvers.pipeline.strapdown import Strapdown, StrapdownState
+from solvers.types import Filter, Health
+
+Array = NDArray[np.float64]
+
+FEEDBACK = ("open", "closed")
+VERTICAL_TIME_CONSTANT_S = 5.0  #: of the loop that holds the INS's vertical velocity on the fixes'
+MISSING_VARIANCE = 1e20  #: R of the runs without a fix, where others of the batch have one
+
+
+class Aligner:
+    """The estimator around a filter. A told start goes straight to the fine phase; an unknown one begins with the coarse.
+
+    ``feedback="open"`` leaves the INS alone and corrects its output, as the thesis does; ``"closed"`` resets velocity and
+    attitude after each fix. The vertical velocity of the INS is slaved to the fixes, the position is the told site.
+
+    Raises:
+        ValueError: an unknown setting.
+    """
+
+    def __init__(
+        self,
+        filter: Filter[Any],
+        *,
+        model: str = "exact",
+        bias_frame: str = "body",
+        feedback: str = "open",
+        coarse: str = "svd",
+    ) -> None:
+        if feedback not in FEEDBACK:
+            raise unknown("feedback", feedback, FEEDBACK)
+        if coarse not in METHODS:
+            raise unknown("coarse method", coarse, METHODS)
+        self.filter, self.errors = filter, AlignmentErrors(model, bias_frame)
+        self.feedback, self.coarse = feedback, coarse
+        self.batched: bool = getattr(filter, "batched", True)
+
+    def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
+        self.task, self._rng, self._num_runs = task, rng, num_runs
+        self._k = 0
+        self._strapdown = Strapdown(
+            earth.get(task.site.earth), task.epoch_s, task.n_sub, task.site.pos, hold_position=True
+        )
+        self._Q, self._R = self.errors.noise(task.prior), task.prior.R[:2, :2]
+        self._lever = np.asarray(task.gps.lever_arm_m) if any(task.gps.lever_arm_m) else None
+        self._coarse: CoarseAlignment | None = None
+        self._ins: StrapdownState | None = None
+        self._belief: Any = None
+
+    def step(self, obs: Observation) -> Array:
+        """q_nb (..., 4) at the end of the epoch."""
+        self._k += 1
+        if self._k == 1:
+            self._begin(obs["dtheta"].shape[:-2])
+        if self._coarse is not None:
+            self._coarse.add(obs)
+            q_nb = self._coarse.attitude()
+            if self._k * self.task.epoch_s >= self.task.coarse_s - 1e-9 * self.task.epoch_s:
+                self._start_fine(NavState(q_nb, _fix_or_zero(obs), self._site()))
+            return q_nb
+        return self._fine(obs)
+
+    def covariance(self) -> Array:
+        """Covariance (..., 3, 3) rad^2 of the corrected attitude's errors, E, N, U; the told spread in the coarse phase."""
+        if self._belief is None:
+            return np.broadcast_to(self.task.prior.P0[:3, :3], (*self._batch, 3, 3)).copy()
+        x, P = self.filter.estimate(self._belief)
+        return reset.corrected_covariance(x[..., PHI], P[..., PHI, PHI])
+
+    def health(self) -> Health | None:
+        """Repairs and failures of each run so far; None in the coarse phase."""
+        return None if self._belief is None else self._belief.health
+
+    def _begin(self, batch: tuple[int, ...]) -> None:
+        self._batch = batch
+        if self.task.start is None:
+            self._coarse = CoarseAlignment(self.task, batch, self.coarse)
+        else:
+            self._start_fine(NavState(*(np.reshape(part, (*batch, part.shape[-1])) for part in self.task.start)))
+
+    def _site(self) -> Array:
+        return np.broadcast_to(self.task.site.pos, (*self._batch, 3))
+
+    def _start_fine(self, nav: NavState) -> None:
+        self._coarse = None
+        self._ins = self._strapdown.start(nav)
+        self._belief = self.filter.init(self.errors.prior(self.task.prior, self._batch), self._rng)
+
+    def _fine(self, obs: Observation) -> Array:
+        assert self._ins is not None
+        self._ins, motion = self._strapdown.advance(self._ins, obs["dtheta"], obs["dvel"])
+        transition = self.errors.transition(motion, self._Q)
+        valid = obs["gps_valid"][..., 0] == 1
+        measurement = None
+        if valid.any():
+            self._slave_vertical(obs, valid)
+            measurement = self._measurement(obs, valid)
+        self._belief, _ = self.filter.step(self._belief, transition, measurement)
+        x = self.filter.estimate(self._belief).mean
+        if self.feedback == "closed" and measurement is not None:
+            self._feed_back(x)
+            return self._ins.nav.q_nb
+        return reset.corrected(self._ins.nav.q_nb, x[..., PHI])
+
+    def _measurement(self, obs: Observation, valid: NDArray[np.bool_]) -> Any:
+        assert self._ins is not None
+        residual = self._ins.nav.vel - obs["gps_vel"]
+        arm = None
+        if self._lever is not None:
+            arm = self._arm_velocity(obs)
+            residual = residual + arm
+        R = self._R
+        if not valid.all():
+            residual = np.where(valid[..., None], residual, 0.0)
+            R = R + np.where(valid, 0.0, MISSING_VARIANCE)[..., None, None] * np.eye(2)
+        return self.errors.measurement(residual[..., :2], R, arm)
+
+    def _arm_velocity(self, obs: Observation) -> Array:
+        """C_hat (omega_eb x lever arm) (..., 3), the rate at t_k extrapolated from the last two samples."""
+        assert self._ins is not None
+        dtheta, n = obs["dtheta"], self.task.n_sub
+        last = 1.5 * dtheta[..., -1, :] - 0.5 * dtheta[..., -2, :] if n > 1 else dtheta[..., -1, :]
+        C = attitude.to_dcm(self._ins.nav.q_nb)
+        earth_rate = earth.rate_n(earth.get(self.task.site.earth), self.task.site.latitude)
+        rate = np.matmul(C, (last * (n / self.task.epoch_s))[..., None])[..., 0] - earth_rate
+        return np.cross(rate, C @ self._lever)
+
+    def _slave_vertical(self, obs: Observation, valid: NDArray[np.bool_]) -> None:
+        assert self._ins is not None
+        vel = self._ins.nav.vel.copy()
+        share = valid * min(self.task.epoch_s / VERTICAL_TIME_CONSTANT_S, 1.0)
+        vel[..., 2] += share * (obs["gps_vel"][..., 2] - vel[..., 2])
+        self._ins = self._ins._replace(nav=self._ins.nav._replace(vel=vel))
+
+    def _feed_back(self, x: Array) -> None:
+        assert self._ins is not None
+        nav = self._ins.nav
+        vel = nav.vel.copy()
+        vel[..., :2] -= x[..., :2]
+        self._ins = self._ins._replace(nav=nav._replace(q_nb=reset.corrected(nav.q_nb, x[..., PHI]), vel=vel))
+        self._belief = self.filter.relocate(self._belief, *reset.reset_maps(x, slice(0, 2), PHI))
+
+
+class CoarseAligner:
+    """Coarse alignment all the way: the attitude of :class:`CoarseAlignment`, whatever the start was told to be."""
+
+    batched = True
+
+    def __init__(self, method: str = "svd") -> None:
+        if method not in METHODS:
+            raise unknown("coarse method", method, METHODS)
+        self.method = method
+
+    def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
+        self._task, self._coarse = task, None
+
+    def step(self, obs: Observation) -> Array:
+        if self._coarse is None:
+            self._coarse: CoarseAlignment | None = CoarseAlignment(self._task, obs["dtheta"].shape[:-2], self.method)
+        self._coarse.add(obs)
+        return self._coarse.attitude()
+
+
+def _fix_or_zero(obs: Observation) -> Array:
+    """The velocity to begin with: the fix's, (..., 3); zero where there is none."""
+    return obs["gps_vel"] * obs["gps_valid"]

@@ -1,0 +1,145 @@
+"""Coarse alignment in the inertial frame: attitude from the drift of gravity, whatever the base does. equations.md D.1, D.2.
+
+In axes frozen at the start, the body's specific force integrates to v_b(t) = integral of C_b^ib0 f dt and the same
+integral is known from the earth's rotation, v_i(t) = - integral of g_i dt (+ the base's own velocity, if a GPS tells it).
+Pairs of these vectors give C_ib0^i, and C_b^n(t) = C_e^n C_i^e(t) C_ib0^i C_b^ib0(t). Methods:
+
+    two_vector   TRIAD of the pairs at a third of the time and at its end (2.4.20, erratum 16)
+    svd          Wahba's problem over all pairs of unit vectors after 10 s
+    aided        the same over differences across sliding windows, with the GPS velocity in v_i: neither the velocity at
+                 the start nor one noisy fix can bias them
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import attitude, earth
+from sins_env.errors import unknown
+from sins_env.types import Observation, Task
+from solvers.pipeline.strapdown import interval_increments
+
+Array = NDArray[np.float64]
+
+METHODS = ("two_vector", "svd", "aided")
+SKIP_S = 10.0  #: unit vectors of the first seconds are all disturbance
+WINDOW_S = 60.0  #: of the aided method, at most half of the coarse phase
+
+
+class CoarseAlignment:
+    """Collects the epochs of the coarse phase; batch first.
+
+    Raises:
+        ValueError: an unknown ``method``.
+    """
+
+    def __init__(self, task: Task, batch: tuple[int, ...], method: str = "svd") -> None:
+        if method not in METHODS:
+            raise unknown("coarse method", method, METHODS)
+        self.method, self._epoch_s, self._pos = method, task.epoch_s, task.site.pos
+        model = earth.get(task.site.earth)
+        latitude, _, height = self._pos
+        self._gravity = float(earth.gravity(model, latitude, height))
+        self._rate = model.rate
+        self._enu = earth.ecef_to_enu(latitude, 0.0)  # the longitude of the start serves as zero
+        self._batch, self._k = batch, 0
+        self._q = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*batch, 4))
+        self._v_b = np.zeros((*batch, 3))
+        self._swept = np.zeros((*batch, 3))  # integral of C_n^i (omega_ie x v)
+        self._last: Array | None = None
+        self._first_pair: tuple[Array, Array] | None = None
+        self._profile = np.zeros((*batch, 3, 3))  # sum of v_b v_i'
+        window = min(WINDOW_S, task.coarse_s / 2) if task.coarse_s else WINDOW_S
+        self._lag = max(round(window / task.epoch_s), 1)
+        self._ring = np.zeros((2, self._lag, *batch, 3)) if method == "aided" else None
+        self._third = max(round(task.coarse_s / 3 / task.epoch_s), 1)
+
+    def add(self, obs: Observation) -> None:
+        """One epoch more."""
+        self._k += 1
+        rotation, dvel_b = interval_increments(obs["dtheta"], obs["dvel"], self._last)
+        self._last = np.concatenate([obs["dtheta"][..., -1, :], obs["dvel"][..., -1, :]], axis=-1)
+        for j in range(rotation.shape[-2]):
+            self._v_b = self._v_b + np.matmul(attitude.to_dcm(self._q), dvel_b[..., j, :, None])[..., 0]
+            self._q = attitude.multiply(self._q, attitude.from_rotvec(rotation[..., j, :]))
+        self._q = attitude.normalize(self._q)
+        v_i = np.broadcast_to(self._gravity_integral(self._k * self._epoch_s), self._v_b.shape)
+        if self.method == "aided":
+            self._add_window(v_i + self._own_velocity(obs))
+        elif self.method == "svd":
+            if self._k * self._epoch_s >= SKIP_S or not self._profile.any():
+                norm = np.linalg.norm(self._v_b, axis=-1, keepdims=True)
+                unit_b, unit_i = self._v_b / norm, v_i / np.linalg.norm(v_i, axis=-1, keepdims=True)
+                self._profile = self._profile + unit_b[..., :, None] * unit_i[..., None, :]
+        elif self._k <= self._third:
+            self._first_pair = (self._v_b, v_i)
+
+    def attitude(self) -> Array:
+        """q_nb (..., 4) at the last epoch; level from the first epochs on, azimuth as the pairs spread."""
+        t = self._k * self._epoch_s
+        C_b0_i = self._triad(t) if self.method == "two_vector" else self._wahba()
+        C = self._enu @ self._earth_turn(t) @ C_b0_i @ attitude.to_dcm(self._q)
+        return attitude.from_dcm(C)
+
+    def _gravity_integral(self, t: float) -> Array:
+        """v_i(t) (3,) of a base at rest. (2.4.16), longitude 0."""
+        w, latitude = self._rate, self._pos[0]
+        level, up = np.cos(latitude), np.sin(latitude)
+        return self._gravity * np.array([level * np.sin(w * t) / w, level * (1 - np.cos(w * t)) / w, t * up])
+
+    def _earth_turn(self, t: float) -> Array:
+        """C_i^e(t). (2.4.4)."""
+        c, s = np.cos(self._rate * t), np.sin(self._rate * t)
+        return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    def _own_velocity(self, obs: Observation) -> Array:
+        """What the base's velocity adds to v_i: C_n^i v - C_n^i(0) v(0) + integral of C_n^i (omega_ie x v). D.2.
+
+        The term at the start drops out of the differences. Without a fix the last velocity holds.
+        """
+        valid = obs["gps_valid"] == 1
+        self._vel = np.where(valid, obs["gps_vel"], getattr(self, "_vel", np.zeros(3)))
+        t = self._k * self._epoch_s
+        C_n_i = (self._enu @ self._earth_turn(t)).T
+        rate = self._rate * np.array([0.0, np.cos(self._pos[0]), np.sin(self._pos[0])])
+        self._swept = self._swept + self._epoch_s * np.cross(rate, self._vel) @ C_n_i.T
+        return self._vel @ C_n_i.T + self._swept
+
+    def _add_window(self, v_i: Array) -> None:
+        assert self._ring is not None
+        slot = self._k % self._lag
+        if self._k > self._lag:
+            db, di = self._v_b - self._ring[0, slot], v_i - self._ring[1, slot]
+        elif self._k > 1:  # growing windows until the first is full, so that there is an answer from the start
+            db, di = self._v_b - self._ring[0, 1 % self._lag], v_i - self._ring[1, 1 % self._lag]
+            db, di = 1e-6 * db, 1e-6 * di
+        else:
+            db, di = 1e-9 * self._v_b, 1e-9 * v_i
+        self._profile = self._profile + db[..., :, None] * di[..., None, :]
+        self._ring[0, slot], self._ring[1, slot] = self._v_b, v_i
+
+    def _wahba(self) -> Array:
+        """C_ib0^i of the least-squares fit v_i = C v_b to all pairs. equations.md D.2."""
+        U, _, Vt = np.linalg.svd(self._profile)
+        proper = np.linalg.det(U) * np.linalg.det(Vt)
+        V = np.swapaxes(Vt, -1, -2).copy()
+        V[..., 2] *= proper[..., None]
+        return V @ np.swapaxes(U, -1, -2)
+
+    def _triad(self, t: float) -> Array:
+        """C_ib0^i from two pairs, anchored on the second. equations.md D.1.5."""
+        assert self._first_pair is not None
+        v1_b, v1_i = self._first_pair
+        v2_i = np.broadcast_to(self._gravity_integral(t), self._v_b.shape)
+        if self._k <= self._third:  # one pair only: level, any azimuth
+            v1_b, v1_i = np.broadcast_to([0.0, 1.0, 0.0], v1_b.shape), np.broadcast_to([0.0, 1.0, 0.0], v1_b.shape)
+        return _triad_axes(v2_i, v1_i) @ np.swapaxes(_triad_axes(self._v_b, v1_b), -1, -2)
+
+
+def _triad_axes(main: Array, other: Array) -> Array:
+    """Orthonormal axes as columns (..., 3, 3): along ``main``, along other x main, and their product."""
+    first = main / np.linalg.norm(main, axis=-1, keepdims=True)
+    second = np.cross(other, main)
+    second = second / np.linalg.norm(second, axis=-1, keepdims=True)
+    return np.stack([first, second, np.cross(first, second)], axis=-1)

@@ -1,0 +1,173 @@
+"""Strapdown mechanisation: one navigation epoch of IMU increments moves the attitude, velocity and position. equations.md B.
+
+An epoch holds several update intervals of three, two or one IMU samples. Coning and sculling of all intervals are
+computed in one go; only the product of the interval rotations is a loop, over time. Within an interval the rotation of
+the body is taken exactly for a constant rate, the rest is the coning and sculling of the optimal coefficients. The
+navigation frame turns at omega_in of mid-epoch, the velocity there is the mean of both ends.
+
+Batch first: increments (..., n_sub, 3), states (..., 4) and (..., 3).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import attitude, earth
+from sins_env.earth import Earth
+from sins_env.types import NavState
+
+Array = NDArray[np.float64]
+
+#: k_ij (i < j) of the coning sum of k_ij dtheta_i x dtheta_j, by samples per interval. (2.2.17); sculling is its dual, with
+#: the printed 27/20 of (2.2.33) corrected to 27/40 (erratum 6). One sample: the previous one is carried over.
+CONING = {3: ((0, 1, 27 / 40), (0, 2, 9 / 20), (1, 2, 27 / 40)), 2: ((0, 1, 2 / 3),), 1: ((0, 1, 1 / 12),)}
+
+
+class StrapdownState(NamedTuple):
+    nav: NavState
+    last: Array | None  #: (..., 6) the previous sample (dtheta, dvel); carried by the one-sample form only
+
+
+class EpochMotion(NamedTuple):
+    """What an error model needs of an epoch, all as the INS computed it."""
+
+    dt: float  #: s
+    C: Array  #: (..., 3, 3) mean C_hat_nb over the epoch
+    dvel_n: Array  #: (..., 3) m/s, integral of C_hat f over the epoch
+    vel: Array  #: (..., 3) m/s, at mid-epoch
+    rate_ie: Array  #: (3,) or (..., 3) rad/s
+    rate_en: Array  #: (..., 3) rad/s, at mid-epoch
+    transport: Array  #: (3, 3) or (..., 3, 3), omega_en = transport @ vel
+
+
+def samples_per_interval(n_sub: int) -> int:
+    """Three-sample form if 3 divides n_sub, else two-sample, else one-sample with the previous sample carried over."""
+    return 3 if n_sub % 3 == 0 else 2 if n_sub % 2 == 0 else 1
+
+
+def _coupling(samples: int) -> Array:
+    """Antisymmetric kappa: coning = 1/2 sum kappa_ij dtheta_i x dtheta_j, sculling = sum kappa_ij dtheta_i x dvel_j."""
+    size = max(samples, 2)
+    kappa = np.zeros((size, size))
+    for i, j, k in CONING[samples]:
+        kappa[i, j], kappa[j, i] = k, -k
+    return kappa
+
+
+_COUPLING = {samples: _coupling(samples) for samples in CONING}
+_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
+
+
+def cross(a: Array, b: Array) -> Array:
+    """a x b along the last axis; faster than np.cross on small arrays."""
+    return a[..., _NEXT] * b[..., _AFTER] - a[..., _AFTER] * b[..., _NEXT]
+
+
+def interval_increments(dtheta: Array, dvel: Array, last: Array | None) -> tuple[Array, Array]:
+    """Rotation vectors and velocity increments of each update interval, in the body axes at its start.
+
+    (..., n_sub, 3) each -> (..., intervals, 3) each. (2.2.17), (2.2.33) corrected, and the exact rotation term of
+    equations.md B.2 in place of (2.2.32).
+    """
+    n_sub = dtheta.shape[-2]
+    samples = samples_per_interval(n_sub)
+    shape = (*dtheta.shape[:-2], n_sub // samples, samples, 3)
+    # Components in front: planes (6, samples, ..., intervals) are what NumPy is fast on.
+    groups = np.empty((6, max(samples, 2), *shape[:-2]))
+    for half, increments in ((groups[:3], dtheta), (groups[3:], dvel)):
+        half[:, -samples:] = np.moveaxis(increments.reshape(shape), (-1, -2), (0, 1))
+    if samples == 1:
+        groups[:, 0, ..., 1:] = groups[:, 1, ..., :-1]
+        groups[:, 0, ..., 0] = groups[:, 1, ..., 0] if last is None else np.moveaxis(last, -1, 0)
+        total = groups[:, 1]
+    else:
+        total = groups.sum(axis=1)
+    flat = groups.reshape(6, groups.shape[1], -1)
+    mixed = np.matmul(_COUPLING[samples], flat)
+    theta, vel = total.reshape(2, 3, -1)
+    rotation = theta + 0.5 * cross_planes(flat[:3], mixed[:3]).sum(axis=1)
+    sculling = cross_planes(flat[:3], mixed[3:]).sum(axis=1)
+    theta2 = np.sum(theta * theta, axis=0)
+    first = cross_planes(theta, vel)
+    a = 0.5 - theta2 * (1 / 24 - theta2 * (1 / 720 - theta2 / 40320))  # (1 - cos x) / x^2
+    b = 1 / 6 - theta2 * (1 / 120 - theta2 * (1 / 5040 - theta2 / 362880))  # (1 - sin x / x) / x^2
+    dvel_b = vel + a * first + b * cross_planes(theta, first) + sculling
+    return rotation.T.reshape(*shape[:-2], 3), dvel_b.T.reshape(*shape[:-2], 3)
+
+
+def cross_planes(a: Array, b: Array) -> Array:
+    """a x b along the first axis."""
+    out = np.empty(a.shape)
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+    return out
+
+
+class Strapdown:
+    """The mechanisation at a site. ``hold_position`` keeps latitude, longitude and height (a base that does not travel)."""
+
+    def __init__(self, model: Earth, epoch_s: float, n_sub: int, site_pos: Array, hold_position: bool) -> None:
+        self.model, self.epoch_s, self.n_sub, self.hold_position = model, epoch_s, n_sub, hold_position
+        self._carry = samples_per_interval(n_sub) == 1
+        intervals = n_sub // samples_per_interval(n_sub)
+        middles = (np.arange(intervals) + 0.5) * (epoch_s / intervals)  # s into the epoch
+        self._moments = np.stack([np.ones(intervals), middles])
+        self._weights = np.full(intervals + 1, 1.0 / intervals)  # trapezoid
+        self._weights[[0, -1]] *= 0.5
+        self._site = self._place(np.asarray(site_pos))
+
+    def start(self, nav: NavState) -> StrapdownState:
+        return StrapdownState(nav, None)
+
+    def _place(self, pos: Array) -> tuple[Array, Array, Array]:
+        """omega_ie, the transport matrix and gravity (an n vector) at a position."""
+        up = np.zeros(pos.shape)
+        up[..., 2] = -earth.gravity(self.model, pos[..., 0], pos[..., 2])
+        return earth.rate_n(self.model, pos[..., 0]), earth.transport_matrix(self.model, pos[..., 0], pos[..., 2]), up
+
+    def advance(self, state: StrapdownState, dtheta: Array, dvel: Array) -> tuple[StrapdownState, EpochMotion]:
+        """The state at the end of the epoch, and what happened on the way."""
+        (q_nb, vel, pos), h = state.nav, self.epoch_s
+        rate_ie, transport, gravity = self._site if self.hold_position else self._place(pos)
+        rotation, dvel_b = interval_increments(dtheta, dvel, state.last)
+        # q of the body at each interval's start, relative to its attitude at the start of the epoch
+        turns = attitude.right_matrix(attitude.from_rotvec(rotation))
+        intervals = rotation.shape[-2]
+        relative = np.empty((*rotation.shape[:-2], intervals + 1, 4))
+        relative[..., 0, :] = q = np.array([1.0, 0.0, 0.0, 0.0])
+        for j in range(intervals):
+            q = np.matmul(turns[..., j, :, :], q[..., None])[..., 0]
+            relative[..., j + 1, :] = q
+        bodies = attitude.to_dcm(relative)
+        steps = np.matmul(bodies[..., :-1, :, :], dvel_b[..., None])[..., 0]  # in the body axes at the epoch's start
+        moments = np.matmul(self._moments, steps)  # (..., 2, 3): sum, and first moment in time
+        C0 = attitude.to_dcm(q_nb)
+        sums = np.matmul(moments, np.swapaxes(C0, -1, -2))
+        force, moment = sums[..., 0, :], sums[..., 1, :]
+        middle = vel + 0.5 * (force + h * gravity)
+        rate_en = np.matmul(transport, middle[..., None])[..., 0]
+        rate_in = rate_ie + rate_en
+        force = force - cross(rate_in, moment)  # the navigation frame turns under the increments
+        new_vel = vel + force + h * (gravity - cross(rate_ie + rate_in, middle))
+        new_q = attitude.multiply(attitude.from_rotvec(-h * rate_in), attitude.multiply(q_nb, relative[..., -1, :]))
+        new_q = attitude.normalize(new_q)
+        middle = 0.5 * (vel + new_vel)
+        new_pos = pos if self.hold_position else self._move(pos, middle)
+        mean = np.matmul(self._weights, bodies.reshape(*bodies.shape[:-2], 9)).reshape(C0.shape)
+        motion = EpochMotion(h, np.matmul(C0, mean), force, middle, rate_ie, rate_en, transport)
+        last = np.concatenate([dtheta[..., -1, :], dvel[..., -1, :]], axis=-1) if self._carry else None
+        return StrapdownState(NavState(new_q, new_vel, new_pos), last), motion
+
+    def _move(self, pos: Array, vel: Array) -> Array:
+        """Position after an epoch at the mean velocity, radii at mid-epoch. (2.2.37-39)."""
+        half = earth.displace(self.model, pos, 0.5 * self.epoch_s * vel)
+        R_M, R_N = earth.radii(self.model, half[..., 0])
+        out = np.empty(np.broadcast_shapes(pos.shape, vel.shape))
+        out[..., 0] = pos[..., 0] + self.epoch_s * vel[..., 1] / (R_M + half[..., 2])
+        out[..., 1] = pos[..., 1] + self.epoch_s * vel[..., 0] / ((R_N + half[..., 2]) * np.cos(half[..., 0]))
+        out[..., 2] = pos[..., 2] + self.epoch_s * vel[..., 2]
+        return out

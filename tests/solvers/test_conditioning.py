@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+import scipy.stats
+from oracles.problems import spd
+
+from solvers.blocks.conditioning import condition, gain, log_likelihood, nis
+from solvers.types import Gaussian, Innovation, Moments
+
+
+def problem(batch, n, m, seed=0):
+    rng = np.random.default_rng(seed)
+    P, H, R = spd(rng, *batch, n), rng.standard_normal((m, n)), spd(rng, m)
+    x = Gaussian(rng.standard_normal((*batch, n)), P)
+    predicted = Moments(x.mean @ H.T, H @ P @ H.T + R, P @ H.T)
+    return x, predicted, H, R, rng.standard_normal((*batch, m))
+
+
+@pytest.mark.parametrize("batch", [(), (1,), (7,), (2, 3)])
+@pytest.mark.parametrize("m", [1, 2, 3, 6])
+def test_condition_is_bayes_rule_in_information_form(batch, m):
+    x, predicted, H, R, z = problem(batch, 6, m)
+    after, innovation, repaired = condition(x, predicted, z)
+    assert repaired is None
+    for i in np.ndindex(batch):
+        information = np.linalg.inv(x.cov[i]) + H.T @ np.linalg.inv(R) @ H
+        P = np.linalg.inv(information)
+        mean = P @ (np.linalg.inv(x.cov[i]) @ x.mean[i] + H.T @ np.linalg.inv(R) @ z[i])
+        np.testing.assert_allclose(after.cov[i], P, atol=1e-11)
+        np.testing.assert_allclose(after.mean[i], mean, atol=1e-11)
+    np.testing.assert_array_equal(after.cov, after.cov.mT)
+    np.testing.assert_allclose(innovation.residual, z - predicted.mean)
+    np.testing.assert_array_equal(innovation.cov, predicted.cov)
+
+
+def test_gain():
+    _, predicted, *_ = problem((4,), 5, 2)
+    K, W, _ = gain(predicted)
+    np.testing.assert_allclose(K, predicted.cross @ np.linalg.inv(predicted.cov), atol=1e-13)
+    np.testing.assert_allclose(W.mT @ W, K @ predicted.cov @ K.mT, atol=1e-13)
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_nis_and_log_likelihood(m):
+    _, predicted, *_ = problem((3,), 5, m)
+    r = np.random.default_rng(9).standard_normal((3, m))
+    innovation = Innovation(r, predicted.cov)
+    for i in range(3):
+        S = predicted.cov[i]
+        assert nis(innovation)[i] == pytest.approx(r[i] @ np.linalg.inv(S) @ r[i])
+        logpdf = scipy.stats.multivariate_normal(cov=S).logpdf(r[i])
+        assert log_likelihood(innovation)[i] == pytest.approx(logpdf)
+    assert nis(Innovation(r[0], predicted.cov[0])).shape == ()
+
+
+def test_what_is_known_exactly_gets_no_gain():
+    """A noiseless measurement of a state without variance: S = 0 for it, and the other states do not care."""
+    P = np.diag([0.0, 2.0])
+    x = Gaussian(np.array([[1.0, 1.0], [1.0, 1.0]]), np.stack([P, np.eye(2)]))
+    predicted = Moments(x.mean, x.cov + np.diag([0.0, 1.0]), x.cov)
+    after, innovation, repaired = condition(x, predicted, np.array([[5.0, 4.0], [5.0, 4.0]]))
+    np.testing.assert_allclose(nis(innovation), [9 / 3, 16 + 9 / 2])
+    np.testing.assert_array_equal(repaired, [True, False])
+    np.testing.assert_allclose(after.mean, [[1.0, 3.0], [5.0, 2.5]], atol=1e-9)
+    np.testing.assert_allclose(after.cov, [np.diag([0.0, 2 / 3]), np.diag([0.0, 0.5])], atol=1e-9)
+
+
+def test_a_lost_run_does_not_touch_the_others():
+    x, predicted, _, _, z = problem((3,), 4, 2)
+    clean, _, _ = condition(x, predicted, z)
+    z[1] = np.nan
+    predicted.cov[2] = np.nan
+    after, _, _ = condition(x, predicted, z)
+    np.testing.assert_array_equal(after.mean[0], clean.mean[0])
+    np.testing.assert_array_equal(after.cov[:2], clean.cov[:2])
+    assert np.isnan(after.mean[1:]).all()
+    assert np.isnan(after.cov[2]).all()

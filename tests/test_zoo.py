@@ -1,0 +1,277 @@
+"""What every registered filter must do: be the Kalman filter on linear problems, and survive a lost run."""
+
+import pickle
+from dataclasses import FrozenInstanceError, fields
+
+import numpy as np
+import pytest
+from oracles.dense_kalman import kalman
+from oracles.problems import linear, look, run_of, spd, swing
+
+from solvers.filters import FILTERS, make_filter, names
+from solvers.types import Gaussian, Linear, Measurement, Transition
+
+#: Settings beyond the defaults under which a filter must pass as well.
+VARIANTS = [
+    ("ukf", {"alpha": 0.1, "beta": 2.0}),  # 1e-3: see test_relations, its rule magnifies rounding by 1e6
+    ("ukf", {"root": "svd"}),
+    ("ckf", {"root": "svd"}),
+    ("filterpy_ukf", {"alpha": 0.5, "beta": 2.0}),
+]
+ZOO = [pytest.param(name, {}, id=name) for name in names()]
+ZOO += [pytest.param(name, s, id=f"{name}-{'-'.join(map(str, s.values()))}") for name, s in VARIANTS]
+BATCHED = [p for p in ZOO if FILTERS[p.values[0]].batched]
+BATCHES = [(), (1,), (7,), (2, 3)]
+SIZES = [(4, 1), (7, 2), (10, 3)]
+
+
+def opaque(M, offset, batch):
+    """x -> M x + offset, (*batch, n) or (*batch, points, n), as a function that no filter can look into."""
+
+    def g(x):
+        if x.ndim == len(batch) + 1:
+            return (M @ x[..., None])[..., 0] + offset
+        return x @ np.swapaxes(M, -1, -2) + offset[..., None, :]
+
+    return g
+
+
+def affine(M, offset, batch):
+    return Linear(M, offset)
+
+
+def play(flt, p, as_function=affine, z=None):
+    """Beliefs and innovations of ``flt`` on the linear problem ``p``."""
+    f, h = as_function(p.F, p.c, p.batch), as_function(p.H, p.d, p.batch)
+    b = flt.init(Gaussian(p.x, p.P), np.random.default_rng(0))
+    history = []
+    for z_k in p.z if z is None else z:
+        b, innovation = flt.step(b, Transition(f, p.Q), None if z_k is None else Measurement(z_k, h, p.R))
+        history.append((b, innovation))
+    return history
+
+
+def assert_is_kalman(flt, p, as_function, tolerance=1e-10):
+    history = play(flt, p, as_function)
+    for i in np.ndindex(p.batch):
+        beliefs, innovations = kalman(*run_of(p, i))
+        for (b, got), (x, P), expected in zip(history, beliefs, innovations, strict=True):
+            mean, cov = flt.estimate(b)
+            assert mean.shape == p.x.shape
+            assert cov.shape == p.P.shape
+            np.testing.assert_allclose(mean[i], x, rtol=0, atol=tolerance * np.abs(x).max())
+            np.testing.assert_allclose(cov[i], P, rtol=0, atol=tolerance * np.abs(P).max())
+            assert (got is None) == (expected is None)
+            if got is not None:
+                residual, S = expected
+                np.testing.assert_allclose(got.residual[i], residual, atol=tolerance * np.abs(x).max())
+                np.testing.assert_allclose(got.cov[i], S, atol=tolerance * np.abs(S).max())
+    health = history[-1][0].health
+    assert health.epoch == len(p.z)
+    assert health.failed_at.shape == health.repairs.shape == p.batch
+    assert (health.failed_at == -1).all()
+    assert (health.repairs == 0).all()
+    assert not health.frozen
+
+
+@pytest.mark.parametrize(("n", "m"), SIZES)
+@pytest.mark.parametrize("as_function", [affine, opaque])
+@pytest.mark.parametrize(("name", "settings"), ZOO)
+def test_one_run_is_the_kalman_filter(name, settings, as_function, n, m):
+    assert_is_kalman(make_filter(name, **settings), linear(11 * n + m, n, m), as_function)
+
+
+@pytest.mark.parametrize("batch", BATCHES[1:])
+@pytest.mark.parametrize("as_function", [affine, opaque])
+@pytest.mark.parametrize(("name", "settings"), BATCHED)
+def test_every_run_of_a_batch_is_the_kalman_filter(name, settings, as_function, batch):
+    assert_is_kalman(make_filter(name, **settings), linear(7, 5, 2, batch), as_function)
+
+
+@pytest.mark.parametrize("batch", [(), (4,)])
+@pytest.mark.parametrize(("name", "settings"), BATCHED)
+def test_noise_shared_by_all_runs(name, settings, batch):
+    """Q and R as (n, n) and (m, m) are the same as given for every run."""
+    rng = np.random.default_rng(2)
+    flt = make_filter(name, **settings)
+    x = Gaussian(rng.standard_normal((*batch, 4)), spd(rng, *batch, 4))
+    Q, R, z = spd(rng, 4), spd(rng, 2), rng.standard_normal((*batch, 2))
+    one, _ = flt.step(flt.init(x, rng), Transition(swing, Q), Measurement(z, look, R))
+    Q, R = np.broadcast_to(Q, (*batch, 4, 4)), np.broadcast_to(R, (*batch, 2, 2))
+    each, _ = flt.step(flt.init(x, rng), Transition(swing, Q), Measurement(z, look, R))
+    np.testing.assert_array_equal(flt.estimate(one).mean, flt.estimate(each).mean)
+    np.testing.assert_array_equal(flt.estimate(one).cov, flt.estimate(each).cov)
+
+
+@pytest.mark.parametrize(("name", "settings"), BATCHED)
+def test_a_lost_run_freezes_alone(name, settings):
+    p = linear(3, 4, 2, batch=(5,), missing=0.0)
+    flt = make_filter(name, **settings)
+    z = [z.copy() for z in p.z]
+    z[9][3] = np.nan
+    z[20][1, 0] = np.inf
+    clean, hit = play(flt, p, opaque), play(flt, p, opaque, z)
+    others = [0, 2, 4]
+    for (a, inn_a), (b, inn_b) in zip(clean, hit, strict=True):
+        np.testing.assert_array_equal(flt.estimate(a).mean[others], flt.estimate(b).mean[others])
+        np.testing.assert_array_equal(flt.estimate(a).cov[others], flt.estimate(b).cov[others])
+        np.testing.assert_array_equal(inn_a.residual[others], inn_b.residual[others])
+    np.testing.assert_array_equal(hit[-1][0].health.failed_at, [-1, 21, -1, 10, -1])
+    assert hit[-1][0].health.epoch == len(z)
+    assert hit[-1][0].health.frozen
+    last_good = flt.estimate(clean[8][0])
+    for b, innovation in hit[9:]:
+        np.testing.assert_array_equal(flt.estimate(b).mean[3], last_good.mean[3])
+        np.testing.assert_array_equal(flt.estimate(b).cov[3], last_good.cov[3])
+        assert np.isnan(innovation.residual[3]).all()
+        assert np.isnan(innovation.cov[3]).all()
+    assert not hit[8][0].health.frozen
+
+
+@pytest.mark.parametrize(("name", "settings"), BATCHED)
+def test_a_run_without_a_prior_fails_at_once(name, settings):
+    p = linear(4, 4, 2, batch=(3,), missing=0.0)
+    flt = make_filter(name, **settings)
+    clean = play(flt, p)
+    p.x[1, 2] = np.nan
+    hit = play(flt, p)
+    np.testing.assert_array_equal(hit[-1][0].health.failed_at, [-1, 0, -1])
+    for i in (0, 2):
+        np.testing.assert_array_equal(flt.estimate(clean[-1][0]).mean[i], flt.estimate(hit[-1][0]).mean[i])
+
+
+@pytest.mark.parametrize(("name", "settings"), ZOO)
+def test_one_run_that_is_lost_says_so(name, settings):
+    p = linear(5, 4, 2, missing=0.0)
+    flt = make_filter(name, **settings)
+    clean = play(flt, p)
+    p.z[6][:] = np.nan
+    hit = play(flt, p)
+    health = hit[-1][0].health
+    assert (health.failed_at, health.epoch, health.frozen) == (7, 50, True)
+    np.testing.assert_array_equal(flt.estimate(hit[-1][0]).mean, flt.estimate(clean[5][0]).mean)
+    assert np.isnan(hit[-1][1].residual).all()
+
+
+@pytest.mark.parametrize(("name", "settings"), ZOO)
+def test_a_function_that_overflows_is_a_lost_run_too(name, settings):
+    flt = make_filter(name, **settings)
+    b = flt.init(Gaussian(np.full(3, 1.0), np.eye(3)), np.random.default_rng(0))
+    tr = Transition(lambda x: np.exp(1e3 * (x + 1.0)), np.eye(3))
+    after, _ = flt.step(b, tr, None)
+    assert after.health.failed_at == 1
+    np.testing.assert_array_equal(flt.estimate(after).mean, 1.0)
+
+
+@pytest.mark.parametrize("batch", BATCHES)
+@pytest.mark.parametrize(("name", "settings"), ZOO)
+def test_relocation_on_a_linear_map_is_exact(name, settings, batch):
+    flt = make_filter(name, **settings)
+    if batch and not flt.batched:
+        pytest.skip("takes one run")
+    p = linear(8, 4, 2, batch)
+    b = flt.init(Gaussian(p.x, p.P), np.random.default_rng(0))
+    moved = flt.relocate(b, Linear(p.F, p.c), lambda x: p.F)
+    got = flt.estimate(moved)
+    np.testing.assert_allclose(got.mean, (p.F @ p.x[..., None])[..., 0] + p.c, atol=1e-14)
+    np.testing.assert_allclose(got.cov, p.F @ p.P @ p.F.mT, atol=1e-14)
+    np.testing.assert_array_equal(got.cov, got.cov.mT)
+    assert moved.health == b.health
+
+
+@pytest.mark.parametrize(("name", "settings"), BATCHED)
+def test_relocation_moves_frozen_runs_and_freezes_those_it_loses(name, settings):
+    p = linear(9, 4, 2, batch=(3,))
+    flt = make_filter(name, **settings)
+    p.z[0] = np.where(np.arange(3)[:, None] == 0, np.nan, 1.0) * np.ones(2)
+    b = play(flt, p, z=p.z[:1])[0][0]
+    bad = np.array([1.0, 1.0, np.nan])[:, None]
+    moved = flt.relocate(b, lambda x: (x + 1.0) * bad, lambda x: np.eye(4))
+    before, after = flt.estimate(b).mean, flt.estimate(moved).mean
+    np.testing.assert_array_equal(after, before + np.array([[1.0], [1.0], [0.0]]))
+    np.testing.assert_array_equal(moved.health.failed_at, [1, -1, 1])
+
+
+@pytest.mark.parametrize(("name", "settings"), BATCHED)
+def test_a_singular_prior_works_and_repairs_are_counted(name, settings):
+    p = linear(10, 5, 2, batch=(3,), missing=0.0)
+    p.P[1, 2:] = p.P[1, :, 2:] = 0.0  # biases known exactly at the start
+    flt = make_filter(name, **settings)
+    history = play(flt, p, opaque)
+    draws_from_cholesky = name in {"ukf", "ckf"} and settings.get("root") != "svd"
+    np.testing.assert_array_equal(history[-1][0].health.repairs, [0, int(draws_from_cholesky), 0])
+    for i in range(3):
+        x, P = kalman(*run_of(p, i))[0][-1]
+        got = flt.estimate(history[-1][0])
+        np.testing.assert_allclose(got.mean[i], x, atol=1e-9)
+        np.testing.assert_allclose(got.cov[i], P, atol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "settings"), ZOO)
+def test_beliefs_flow_and_nothing_hides_in_the_filter(name, settings):
+    """Two interleaved beliefs give what each gives alone, and a step leaves its belief as it was."""
+    flt = make_filter(name, **settings)
+    p, q = linear(20, 4, 2), linear(21, 4, 2)
+    alone = play(flt, p), play(flt, q)
+    start = [flt.init(Gaussian(a.x, a.P), np.random.default_rng(0)) for a in (p, q)]
+    kept = [flt.estimate(b).mean.copy() for b in start]
+    beliefs = list(start)
+    for k in range(5):
+        for j, a in enumerate((p, q)):
+            me = None if a.z[k] is None else Measurement(a.z[k], Linear(a.H, a.d), a.R)
+            beliefs[j], _ = flt.step(beliefs[j], Transition(Linear(a.F, a.c), a.Q), me)
+            np.testing.assert_array_equal(flt.estimate(beliefs[j]).cov, flt.estimate(alone[j][k][0]).cov)
+    for b, mean in zip(start, kept, strict=True):
+        np.testing.assert_array_equal(flt.estimate(b).mean, mean)
+
+
+@pytest.mark.parametrize(("name", "settings"), ZOO)
+def test_filters_are_frozen_and_travel(name, settings):
+    flt = make_filter(name, **settings)
+    p = linear(30, 4, 2)
+    b = play(flt, p)[-1][0]
+    again, b_again = pickle.loads(pickle.dumps((flt, b)))
+    assert again == flt
+    np.testing.assert_array_equal(again.estimate(b_again).cov, flt.estimate(b).cov)
+    np.testing.assert_array_equal(flt.estimate(play(again, p)[-1][0]).mean, flt.estimate(b).mean)
+    with pytest.raises(FrozenInstanceError):
+        flt.alpha = 2.0
+
+
+@pytest.mark.parametrize("name", names())
+def test_errors_name_what_is_allowed(name):
+    with pytest.raises(ValueError, match=f"unknown filter '{name}x'; did you mean"):
+        make_filter(name + "x")
+    with pytest.raises(ValueError, match=f"unknown setting of {name} 'alhpa'") as e:
+        make_filter(name, alhpa=1.0)
+    assert all(field.name in str(e.value) for field in fields(FILTERS[name]))
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "message"),
+    [
+        ("ukf", {"alpha": -1.0}, "alpha = -1.0: must be a finite number > 0"),
+        ("ukf", {"root": "qr"}, "unknown root 'qr'"),
+        ("ckf", {"root": "svdd"}, "unknown root 'svdd'; did you mean 'svd'"),
+        ("filterpy_ukf", {"beta": np.nan}, "beta = nan"),
+    ],
+)
+def test_values_are_checked(name, settings, message):
+    with pytest.raises(ValueError, match=message):
+        make_filter(name, **settings)
+
+
+@pytest.mark.parametrize("name", [n for n in names() if not FILTERS[n].batched])
+def test_filters_of_one_run_refuse_a_batch(name):
+    with pytest.raises(ValueError, match=r"takes one run: prior mean of shape \(n,\), given \(2, 3\)"):
+        make_filter(name).init(Gaussian(np.zeros((2, 3)), np.zeros((2, 3, 3))), None)
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_wrong_shape_is_an_error_and_not_a_lost_run(name):
+    flt = make_filter(name)
+    with pytest.raises(ValueError, match=r"covariance must be \(3, 3\), given \(2, 2\)"):
+        flt.init(Gaussian(np.zeros(3), np.eye(2)), None)
+    b = flt.init(Gaussian(np.zeros(3), np.eye(3)), None)
+    with pytest.raises(ValueError):  # noqa: PT011  NumPy's own message
+        flt.step(b, Transition(swing, np.eye(2)), None)
