@@ -81,6 +81,17 @@ def rotation_angle(q: Array) -> Array:
     return 2.0 * np.arctan2(np.sqrt(np.sum(q[..., 1:] ** 2, axis=-1)), np.abs(q[..., 0]))
 
 
+def slerp(q0: Array, q1: Array, w: Array) -> Array:
+    """From q0 (..., 4) at w = 0 to q1 at w = 1 (...,) along the shorter arc; exact at both ends."""
+    dot = np.sum(q0 * q1, axis=-1, keepdims=True)
+    q1 = np.where(dot < 0, -q1, q1)
+    w = w[..., None]
+    apart, together = (np.sqrt(np.sum(v * v, axis=-1, keepdims=True)) for v in (q1 - q0, q1 + q0))
+    theta = 2.0 / np.pi * np.arctan2(apart, together)  # in half turns; accurate where they are small
+    mixed = (1.0 - w) * np.sinc((1.0 - w) * theta) * q0 + w * np.sinc(w * theta) * q1
+    return np.where(w == 0.0, q0, np.where(w == 1.0, q1, normalize(mixed)))
+
+
 def to_dcm(q: Array) -> Array:
     """C_nb (..., 3, 3) of unit q_nb. (2.2.11)."""
     outer = (q[..., :, None] * q[..., None, :]).reshape(*q.shape[:-1], 16)

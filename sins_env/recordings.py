@@ -189,7 +189,7 @@ def _counts(file: _File, layout: Layout) -> Recording:
     dtheta = counts @ turn.T * file.scalar("gyro_lsb_rad", positive=True)
     dvel = file.array("accel_counts", (len(counts), 3)) @ turn.T * file.scalar("accel_lsb_mps", positive=True)
     place = np.array([[file.scalar(key) for key in ("lat_deg", "lon_deg", "h_m")]])
-    site = Site(*map(float, file.geodetic("lat_deg, lon_deg, h_m", place)[0]))
+    site = _site(file.geodetic("lat_deg, lon_deg, h_m", place)[0])
     rate, t0 = file.scalar("fs_hz", positive=True), file.scalar("t0_s")
     return Recording(
         file.path.stem, rate, t0, _frozen(dtheta), _frozen(dvel), site, reference=_reference(file, turn)
@@ -201,17 +201,19 @@ def _increments(file: _File, layout: Layout) -> Recording:
     turn, rate = to_rfu(layout.axes), file.scalar("fs_hz", positive=True)
     tags = file.array("imu_t_s", (None,))
     index = _sample_index(file.path, tags, rate)
-    increments = []
-    for key in ("dtheta_rad", "dvel_mps"):
+
+    def on_grid(key: str) -> Array:
         grid = np.full((index[-1] + 1, 3), np.nan)
         grid[index] = file.array(key, (len(tags), 3)) @ turn.T
-        increments.append(_frozen(grid))
+        return _frozen(grid)
+
+    dtheta, dvel = on_grid("dtheta_rad"), on_grid("dvel_mps")
     t = file.times("gnss_t_imu_s")
     gnss = Gnss(t, file.array("gnss_vel_enu_mps", (len(t), 3)), file.positions("gnss_llh_deg_m", len(t)))
     lever = turn @ file.array("lever_arm_est_body_m", (3,)) if "lever_arm_est_body_m" in file.arrays else None
-    site = Site(*map(float, gnss.pos[0]))
+    site = _site(gnss.pos[0])
     t0 = float(tags[0]) - 1.0 / rate
-    return Recording(file.path.stem, rate, t0, *increments, site, gnss, lever, _reference(file, turn))
+    return Recording(file.path.stem, rate, t0, dtheta, dvel, site, gnss, lever, _reference(file, turn))
 
 
 def _sample_index(path: Path, tags: Array, rate: float) -> NDArray[np.int64]:
@@ -233,6 +235,10 @@ def _sample_index(path: Path, tags: Array, rate: float) -> NDArray[np.int64]:
             f"{path}: imu_t_s spans {index[-1] + 1} samples of {rate:g} Hz; only {len(tags)} are there"
         )
     return index
+
+
+def _site(pos: Array) -> Site:
+    return Site(float(pos[0]), float(pos[1]), float(pos[2]))
 
 
 def _reference(file: _File, turn: Array) -> Reference | None:

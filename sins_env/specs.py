@@ -124,7 +124,7 @@ class GpsSpec:
         """(3,) m East, North, Up."""
         return np.broadcast_to(np.asarray(self.pos_std_m, dtype=float), (3,)).copy()
 
-    def told(self, vel_std_mps: float | None = None) -> GpsSpec:
+    def told(self, vel_std_mps: float | tuple[float, ...] | None = None) -> GpsSpec:
         """What an estimator may know: outages and jumps are surprises."""
         vel = self.vel_std_mps if vel_std_mps is None else vel_std_mps
         return replace(self, outages_s=(), jump_mps=0.0, jump_s=0.0, vel_std_mps=vel)

@@ -43,6 +43,8 @@ class Episode:
     """K observations and K steps; observation k covers (t_{k-1}, t_k], step k scores the action at t_k."""
 
     def __init__(self, world: World, reveal_truth: bool) -> None:
+        if reveal_truth and not world.scored:
+            raise ValueError("reveal_truth = True; allowed: False, this recording has no reference")
         self.world, self.reveal_truth = world, reveal_truth
         self.task: Task = world.task
         self.started = False

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from sins_env import earth
 from sins_env.errors import build, unknown
 from sins_env.gps import epochs_per_fix
@@ -37,7 +39,7 @@ class AlignSettings:
     imu: Any = "thesis-white"
     gps: Any = "thesis"
     start: str = "told"
-    misalignment_deg: tuple[float, float, float] | None = None
+    misalignment_deg: tuple[float, ...] | None = None
     prior: str = "matched"
     latitude_deg: float = 39.96
     heading_deg: float | None = 30.0
@@ -68,13 +70,7 @@ class AlignSettings:
         earth.check_latitude(math.radians(self.latitude_deg))
         if self.heading_deg is not None and not math.isfinite(self.heading_deg):
             raise ValueError(f"heading_deg = {self.heading_deg!r}; allowed: a finite angle in degrees, or None")
-        if self.misalignment_deg is not None:
-            values = tuple(float(v) for v in self.misalignment_deg)
-            if not told:
-                raise ValueError("misalignment_deg with start = 'unknown'; allowed: with start = 'told' only")
-            if len(values) != 3 or not all(math.isfinite(v) for v in values):
-                raise ValueError(f"misalignment_deg = {self.misalignment_deg!r}; allowed: three finite numbers (E, N, U)")
-            set_(self, "misalignment_deg", values)
+        set_(self, "misalignment_deg", check_misalignment(self.misalignment_deg, self.start))
         epochs_per_fix(self.gps_true, self.epoch)
         _ = self.imu_true
 
@@ -117,7 +113,23 @@ class AlignSettings:
         )
 
 
-def check_timing(epoch: float, duration: float, coarse: float) -> None:
+def check_misalignment(given: Any, start: str) -> tuple[float, ...] | None:
+    """Three finite angles in degrees, or None.
+
+    Raises:
+        ValueError: anything else, or a misalignment where the start is unknown.
+    """
+    if given is None:
+        return None
+    if start != "told":
+        raise ValueError(f"misalignment_deg with start = {start!r}; allowed: with start = 'told' only")
+    values = np.asarray(given)
+    if values.shape != (3,) or values.dtype.kind not in "iuf" or not np.isfinite(values).all():
+        raise ValueError(f"misalignment_deg = {given!r}; allowed: three finite numbers (E, N, U) in degrees, or None")
+    return tuple(map(float, values))
+
+
+def check_timing(epoch: float, duration: float, coarse: float, name: str = "duration") -> None:
     """Epochs must fill the duration and the coarse phase; an episode has at least three.
 
     Raises:
@@ -125,13 +137,13 @@ def check_timing(epoch: float, duration: float, coarse: float) -> None:
     """
     if not (math.isfinite(epoch) and epoch > 0):
         raise ValueError(f"epoch = {epoch!r}; allowed: a positive number of seconds")
-    for name, value, least in (("duration", duration, 3), ("coarse", coarse, 0)):
+    for kind, value, least in ((name, duration, 3), ("coarse", coarse, 0)):
         count = value / epoch if math.isfinite(value) else math.nan
         if not (abs(count - round(count)) < 1e-6 if count == count else False) or round(count) < least:
             near = max(round(count) if count == count else least, least) * epoch
             raise ValueError(
-                f"{name} = {value!r} s with epochs of {epoch:g} s; allowed: a whole number of epochs, "
+                f"{kind} = {value!r} s with epochs of {epoch:g} s; allowed: a whole number of epochs, "
                 f"at least {least}, for instance {near:g} s"
             )
     if coarse >= duration:
-        raise ValueError(f"coarse = {coarse:g} s, duration = {duration:g} s; allowed: coarse shorter than the duration")
+        raise ValueError(f"coarse = {coarse:g} s, {name} = {duration:g} s; allowed: coarse shorter than the {name}")

@@ -46,7 +46,42 @@ class World(Protocol):
         ...
 
 
-class SwayWorld:
+class ChunkedWorld:
+    """Epochs one by one out of chunks, so that memory does not grow with the duration."""
+
+    task: Task
+    _first: int
+    _end: int
+
+    def epoch(self, k: int) -> EpochData:
+        if k > self._end:
+            self._first = self._end
+            self._end = min(self._first + CHUNK_EPOCHS, self.task.num_epochs)
+            self._measured, self._state = self._chunk(self._first, self._end - self._first)
+        i = k - 1 - self._first
+        dtheta, dvel, gps_vel, gps_pos, gps_valid = (part[:, i] for part in self._measured)
+        truth = NavState(*(part[:, i] for part in self._state))
+        return EpochData(dtheta, dvel, gps_vel, gps_pos, gps_valid, truth)
+
+    def _rewind(self) -> None:
+        self._first = self._end = 0
+
+    def _chunk(self, first: int, count: int) -> tuple[tuple[Any, ...], NavState]:
+        """Epochs first + 1 ... first + count: what is measured, and the truth, all (runs, count, ...)."""
+        raise NotImplementedError
+
+
+def told_start(task: Task, misalignment_deg: Any, truth: NavState, draws: Array, pos: Array) -> NavState:
+    """The start that a task tells: C(phi) C_true, phi fixed or drawn; ``draws`` (runs, 6) are normals."""
+    spread = np.asarray(task.prior.attitude_std_deg)
+    fixed = misalignment_deg is not None
+    phi = DEG * (np.broadcast_to(misalignment_deg, (len(draws), 3)) if fixed else spread * draws[:, :3])
+    computed = attitude.multiply(attitude.misalignment_quaternion(phi), truth.q_nb)
+    vel = truth.vel + task.prior.velocity_std_mps * draws[:, 3:]
+    return NavState(computed, vel, np.broadcast_to(pos, vel.shape).copy())
+
+
+class SwayWorld(ChunkedWorld):
     """A simulated base that sways, or stands still, with the sensors and the start of the settings."""
 
     scored = True
@@ -71,29 +106,14 @@ class SwayWorld:
         truth = self.trajectory.reset([s[1] for s in streams])
         self.imu.reset([s[2:8] for s in streams])
         self.gps.reset([s[8:11] for s in streams])
-        self._first = self._end = 0
+        self._rewind()
         draws = standard_normal([s[0] for s in streams], (6,))
         if self.settings.start == "unknown":
             return truth, None
-        spread = np.asarray(self.task.prior.attitude_std_deg)
-        fixed = self.settings.misalignment_deg
-        phi = DEG * (spread * draws[:, :3] if fixed is None else np.broadcast_to(fixed, (len(rngs), 3)))
-        computed = attitude.multiply(attitude.misalignment_quaternion(phi), truth.q_nb)
-        vel = truth.vel + self.task.prior.velocity_std_mps * draws[:, 3:]
-        return truth, NavState(computed, vel, np.broadcast_to(self.task.site.pos, vel.shape).copy())
+        return truth, told_start(self.task, self.settings.misalignment_deg, truth, draws, self.task.site.pos)
 
-    def epoch(self, k: int) -> EpochData:
-        if k > self._end:
-            self._generate()
-        i = k - 1 - self._first
-        return EpochData(*(part[:, i] for part in self._measured), NavState(*(part[:, i] for part in self._state)))
-
-    def _generate(self) -> None:
-        self._first = self._end
-        count = min(CHUNK_EPOCHS, self.task.num_epochs - self._first)
-        self._end = self._first + count
-        motion = self.trajectory.chunk(self._first, count)
-        fixes = self.gps.fixes(motion, self._first)
+    def _chunk(self, first: int, count: int) -> tuple[tuple[Any, ...], NavState]:
+        motion = self.trajectory.chunk(first, count)
+        fixes = self.gps.fixes(motion, first)
         clip_fix(*fixes[:2])
-        self._measured = (*self.imu.measure(motion.dtheta, motion.dvel), *fixes)
-        self._state = motion.state
+        return (*self.imu.measure(motion.dtheta, motion.dvel), *fixes), motion.state

@@ -39,22 +39,22 @@ def condition(prior: Gaussian, predicted: Moments, z: Array) -> tuple[Gaussian, 
 
 
 def nis(innovation: Innovation) -> Array:
-    """Normalised innovation squared r' S^-1 r, shape (...)."""
-    return _whitened(innovation)[0]
+    """Normalised innovation squared r' S^-1 r, shape (...); directions known exactly do not count."""
+    return _squared(_inverse_root(innovation.cov)[0], innovation.residual)
 
 
 def log_likelihood(innovation: Innovation) -> Array:
     """log N(r; 0, S), shape (...). # 004 (9)"""
-    squared, log_root_det = _whitened(innovation)
-    return -0.5 * (squared + innovation.residual.shape[-1] * math.log(2.0 * math.pi)) - log_root_det
-
-
-def _whitened(innovation: Innovation) -> tuple[Array, Array]:
-    """r' S^-1 r and log sqrt(det S)."""
     inverse, _ = _inverse_root(innovation.cov)
-    white = (inverse @ innovation.residual[..., None])[..., 0]
-    pivots = np.diagonal(inverse, axis1=-2, axis2=-1)
-    return (white * white).sum(axis=-1), -np.log(pivots).sum(axis=-1)
+    log_pivots = np.log(np.diagonal(inverse, axis1=-2, axis2=-1)).sum(axis=-1)  # -log sqrt(det S)
+    m = innovation.residual.shape[-1]
+    return log_pivots - 0.5 * (_squared(inverse, innovation.residual) + m * math.log(2.0 * math.pi))
+
+
+def _squared(inverse: Array, residual: Array) -> Array:
+    white = (inverse @ residual[..., None])[..., 0]
+    squared: Array = (white * white).sum(axis=-1)
+    return squared
 
 
 def _inverse_root(S: Array) -> tuple[Array, Mask | None]:

@@ -27,7 +27,7 @@ class Aligner:
     """The estimator around a filter. A told start goes straight to the fine phase; an unknown one begins with the coarse.
 
     ``feedback="open"`` leaves the INS alone and corrects its output, as the thesis does; ``"closed"`` resets velocity and
-    attitude after each fix. The vertical velocity of the INS is slaved to the fixes, the position is the told site.
+    attitude after each fix. ``coarse``: the method of the coarse phase, see :mod:`solvers.pipeline.coarse_alignment`. The vertical velocity of the INS is slaved to the fixes, the position is the told site.
 
     Raises:
         ValueError: an unknown setting.
@@ -40,7 +40,7 @@ class Aligner:
         model: str = "exact",
         bias_frame: str = "body",
         feedback: str = "open",
-        coarse: str = "svd",
+        coarse: str = "aided",
     ) -> None:
         if feedback not in FEEDBACK:
             raise unknown("feedback", feedback, FEEDBACK)

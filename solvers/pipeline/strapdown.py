@@ -107,6 +107,23 @@ def cross_planes(a: Array, b: Array) -> Array:
     return out
 
 
+def chain(rotation: Array, dvel_b: Array) -> tuple[Array, Array, Array]:
+    """The intervals strung together, in the body axes at the start of the epoch.
+
+    Quaternions (..., intervals + 1, 4) and C (..., intervals + 1, 3, 3) of the body at the ends of the intervals, the start
+    included, and the velocity increments (..., intervals, 3).
+    """
+    turns = attitude.right_matrix(attitude.from_rotvec(rotation))
+    intervals = rotation.shape[-2]
+    relative = np.empty((*rotation.shape[:-2], intervals + 1, 4))
+    relative[..., 0, :] = q = np.array([1.0, 0.0, 0.0, 0.0])
+    for j in range(intervals):
+        q = np.matmul(turns[..., j, :, :], q[..., None])[..., 0]
+        relative[..., j + 1, :] = q
+    bodies = attitude.to_dcm(relative)
+    return relative, bodies, np.matmul(bodies[..., :-1, :, :], dvel_b[..., None])[..., 0]
+
+
 class Strapdown:
     """The mechanisation at a site. ``hold_position`` keeps latitude, longitude and height (a base that does not travel)."""
 
@@ -134,16 +151,7 @@ class Strapdown:
         (q_nb, vel, pos), h = state.nav, self.epoch_s
         rate_ie, transport, gravity = self._site if self.hold_position else self._place(pos)
         rotation, dvel_b = interval_increments(dtheta, dvel, state.last)
-        # q of the body at each interval's start, relative to its attitude at the start of the epoch
-        turns = attitude.right_matrix(attitude.from_rotvec(rotation))
-        intervals = rotation.shape[-2]
-        relative = np.empty((*rotation.shape[:-2], intervals + 1, 4))
-        relative[..., 0, :] = q = np.array([1.0, 0.0, 0.0, 0.0])
-        for j in range(intervals):
-            q = np.matmul(turns[..., j, :, :], q[..., None])[..., 0]
-            relative[..., j + 1, :] = q
-        bodies = attitude.to_dcm(relative)
-        steps = np.matmul(bodies[..., :-1, :, :], dvel_b[..., None])[..., 0]  # in the body axes at the epoch's start
+        relative, bodies, steps = chain(rotation, dvel_b)
         moments = np.matmul(self._moments, steps)  # (..., 2, 3): sum, and first moment in time
         C0 = attitude.to_dcm(q_nb)
         sums = np.matmul(moments, np.swapaxes(C0, -1, -2))

@@ -1,0 +1,76 @@
+"""What one step of an estimator costs, at one run and on one thread, and how that compares with ckf in the same process."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from sins_env.evaluation import registry
+from sins_env.evaluation.episode import EstimatorError, Job, _Guard
+from sins_env.evaluation.tasks import EvaluationTask
+
+YARDSTICK = "ckf"
+WARM_UP, BLOCK, BLOCKS = 30, 20, 15  #: epochs, epochs, number of blocks timed
+MOST_S = 3.0  #: a slow estimator is timed for no longer, but for one block at least
+
+
+class Cost(NamedTuple):
+    """Time of ``step`` per epoch of the fine phase, microseconds."""
+
+    median_us: float
+    p95_us: float
+    ratio: float | None  #: of the median to that of ckf; None where ckf is not installed
+
+
+class _Probe:
+    """One run, advanced block by block; the coarse phase belongs to the warm-up."""
+
+    def __init__(self, task: EvaluationTask, solver: registry.Solver, settings: Mapping[str, Any]) -> None:
+        self.env = task.make(1)
+        self.obs, _ = task.reset(self.env, (0,))
+        public = self.env.unwrapped.task  # type: ignore[attr-defined]
+        self.left = public.num_epochs
+        self.guard = _Guard(registry.make(solver, settings), 1)
+        self.guard.reset(public, Job(task, solver, (0,)).rngs())
+        self.advance(round(public.coarse_s / public.epoch_s) + WARM_UP)
+
+    def advance(self, epochs: int) -> list[float]:
+        """Seconds of each step."""
+        times = []
+        for _ in range(min(epochs, self.left)):
+            before = self.guard.seconds
+            action = self.guard.step(self.obs)
+            times.append(self.guard.seconds - before)
+            self.obs = self.env.step(action)[0]
+        self.left -= len(times)
+        return times
+
+
+def measure_cost(task: EvaluationTask, solver: registry.Solver, settings: Mapping[str, Any] | None = None) -> Cost | None:
+    """Cost of a solver; blocks alternate with those of ckf, so that a busy machine slows both. None if it raises."""
+    given = dict(settings or {})
+    with threadpool_limits(1):
+        try:
+            probe = _Probe(task, solver, given)
+            same = solver == YARDSTICK and not given
+            yardstick = None if same or YARDSTICK not in registry.names() else _Probe(task, YARDSTICK, {})
+            own: list[float] = []
+            other: list[float] = []
+            begin = time.perf_counter()
+            for _ in range(BLOCKS):
+                own += probe.advance(BLOCK)
+                if yardstick:
+                    other += yardstick.advance(BLOCK)
+                if time.perf_counter() - begin > MOST_S:
+                    break
+        except EstimatorError:
+            return None
+    if not own:
+        return None
+    median, p95 = np.percentile(own, [50, 95]) * 1e6
+    ratio = 1.0 if same else float(median / (np.median(other) * 1e6)) if other else None
+    return Cost(float(median), float(p95), ratio)

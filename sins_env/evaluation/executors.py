@@ -1,0 +1,239 @@
+"""Where jobs run: in this process, in worker processes, or in any ``concurrent.futures.Executor`` (Dask's, for instance).
+
+A worker that dies costs only its job, which is run again once, alone; the second time it is handed back as lost.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from types import TracebackType
+from typing import Any, Protocol
+
+from threadpoolctl import threadpool_limits
+
+from sins_env.errors import unknown
+from sins_env.evaluation.episode import Job, Tick, run_job
+from sins_env.evaluation.scoring import Records
+
+POLL_S = 0.1
+EXECUTORS = ("processes", "dask")
+#: A job and what came of it; None: its worker died twice.
+Finished = tuple[Job, Records | None]
+Progress = Callable[[float], None]  #: run-epochs done so far, of all jobs
+
+
+class Runner(Protocol):
+    def run(self, jobs: Sequence[Job], progress: Progress) -> Iterator[Finished]:
+        """Jobs with their records, in the order in which they end."""
+        ...
+
+
+class InProcess:
+    """One job after the other, with one BLAS thread."""
+
+    def run(self, jobs: Sequence[Job], progress: Progress) -> Iterator[Finished]:
+        before = 0
+
+        def tick(count: int) -> None:
+            progress(before + count)
+
+        for job in jobs:
+            with threadpool_limits(1):
+                records = run_job(job, tick)
+            before += len(job.runs) * records.criteria.num_epochs
+            progress(before)
+            yield job, records
+
+
+class Borrowed:
+    """An executor that belongs to someone else; progress moves as jobs end."""
+
+    def __init__(self, executor: Executor) -> None:
+        self.executor = executor
+
+    def run(self, jobs: Sequence[Job], progress: Progress) -> Iterator[Finished]:
+        futures = {self.executor.submit(_run_quietly, job): job for job in jobs}
+        retried: set[Job_] = set()
+        total = 0
+        try:
+            while futures:
+                for future in wait(futures, return_when=FIRST_COMPLETED).done:
+                    job = futures.pop(future)
+                    try:
+                        records: Records | None = future.result()
+                    except BrokenExecutor:
+                        if job.runs not in retried:
+                            retried.add(job.runs)
+                            futures[self._again(job)] = job
+                            continue
+                        records = None
+                    total += len(job.runs) * (records.criteria.num_epochs if records else 0)
+                    progress(total)
+                    yield job, records
+        finally:
+            for future in futures:
+                future.cancel()
+
+    def _again(self, job: Job) -> Future[Records]:
+        try:
+            return self.executor.submit(_run_quietly, job)
+        except BrokenExecutor as error:
+            raise RuntimeError(f"the executor broke and takes no more jobs: {error}") from error
+
+
+Job_ = tuple[int, ...]
+
+
+def _run_quietly(job: Job) -> Records:
+    with threadpool_limits(1):
+        return run_job(job)
+
+
+class Processes:
+    """A pool of worker processes (spawned), one BLAS thread each; a context manager."""
+
+    def __init__(self, workers: int | None = None) -> None:
+        if workers is not None and workers < 1:
+            raise ValueError(f"workers = {workers!r}; allowed: at least 1")
+        self.workers = workers or available_cores()
+        self._context = multiprocessing.get_context("spawn")
+        #: run-epochs done by the job in each slot; the last element tells the workers to stop
+        self._shared = self._context.RawArray("q", self.workers + 1)
+        self._pool: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> Processes:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop the workers: at the next block of epochs, or by force where that takes more than two seconds."""
+        if self._pool is None:
+            return
+        self._shared[self.workers] = 1
+        processes = list((self._pool._processes or {}).values())
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.join(2.0)
+            if process.is_alive():
+                process.kill()
+        self._pool = None
+
+    def run(self, jobs: Sequence[Job], progress: Progress) -> Iterator[Finished]:
+        waiting = [(job, True) for job in reversed(jobs)]  # a stack; True: a first attempt
+        suspects: list[tuple[Job, bool]] = []
+        running: dict[Future[Records], tuple[Job, bool, int]] = {}
+        finished = 0.0
+        while waiting or suspects or running:
+            # A job that was running when a worker died is tried again alone, so that the next death names its cause.
+            limit = self.workers if waiting or any(first for _, first, _ in running.values()) else 1
+            source = waiting or suspects
+            while source and len(running) < limit:
+                job, first = source.pop()
+                slot = min(set(range(self.workers)) - {taken for _, _, taken in running.values()})
+                self._shared[slot] = 0
+                try:
+                    running[self._ready_pool().submit(_in_worker, job, slot)] = (job, first, slot)
+                except BrokenExecutor:
+                    source.append((job, first))
+                    break
+            for future in wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED).done:
+                job, first, slot = running.pop(future)
+                try:
+                    records = future.result()
+                except BrokenExecutor:
+                    self._pool = None
+                    if first:
+                        suspects.append((job, False))
+                        continue
+                    yield job, None
+                    continue
+                finished += len(job.runs) * records.criteria.num_epochs
+                yield job, records
+            progress(finished + sum(self._shared[slot] for _, _, slot in running.values()))
+
+    def _ready_pool(self) -> ProcessPoolExecutor:
+        if self._pool is None:
+            self._shared[self.workers] = 0
+            pool = ProcessPoolExecutor(self.workers, self._context, _init_worker, (self._shared,))
+            try:
+                pool.submit(os.getpid).result()
+            except BrokenExecutor as error:
+                raise RuntimeError(
+                    "worker processes cannot start; a script must call evaluate() under if __name__ == '__main__': "
+                    "(or pass workers=1)"
+                ) from error
+            self._pool = pool
+        return self._pool
+
+
+def available_cores() -> int:
+    """The cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class _Stopped(Exception):
+    """The parent wants no more results."""
+
+
+_shared: Any = None
+
+
+def _init_worker(shared: Any) -> None:
+    global _shared
+    _shared = shared
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    threadpool_limits(1)
+    threading.Thread(target=_die_with_parent, daemon=True).start()
+
+
+def _die_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _in_worker(job: Job, slot: int) -> Records:
+    def tick(count: int) -> None:
+        _shared[slot] = count
+        if _shared[len(_shared) - 1]:
+            raise _Stopped
+
+    return run_job(job, tick)
+
+
+def runner(executor: Executor | Runner | str | None, workers: int | None, jobs: int) -> Runner:
+    """The runner for ``jobs`` jobs: a given one, an executor, or processes; one worker or one job stays in this process.
+
+    Raises:
+        ValueError: an unknown name, or fewer than one worker.
+    """
+    if executor is not None and not isinstance(executor, str):
+        return Borrowed(executor) if isinstance(executor, Executor) or hasattr(executor, "submit") else executor
+    if workers is not None and workers < 1:
+        raise ValueError(f"workers = {workers!r}; allowed: at least 1")
+    if executor == "dask":
+        return Borrowed(_dask(workers))
+    if executor not in (None, "processes"):
+        raise unknown("executor", executor, EXECUTORS)
+    workers = min(workers or available_cores(), jobs)
+    return Processes(workers) if workers > 1 else InProcess()
+
+
+def _dask(workers: int | None) -> Executor:
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ValueError("executor 'dask' needs the package distributed: pip install distributed") from error
+    client = Client(n_workers=workers or available_cores(), threads_per_worker=1)
+    return client.get_executor()  # type: ignore[no-any-return]
+
+
+__all__ = ["Borrowed", "InProcess", "Processes", "Runner", "Tick", "available_cores", "runner"]

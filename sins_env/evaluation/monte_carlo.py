@@ -1,0 +1,125 @@
+"""``evaluate``: many runs of one solver on one task, in chunks, with a progress report and the same result anywhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from sins_env.evaluation import registry
+from sins_env.evaluation.cost import Cost, measure_cost
+from sins_env.evaluation.episode import Job, lost_records
+from sins_env.evaluation.executors import Processes, Runner, runner
+from sins_env.evaluation.metrics import Summary, summarise
+from sins_env.evaluation.scoring import Records
+from sins_env.evaluation.tasks import EvaluationTask, get_task, suite_hash
+
+#: run-epochs done, run-epochs in all
+Report = Callable[[float, float], None]
+
+CHUNK_LEAST, CHUNK_MOST = 64, 256
+
+
+@dataclass(frozen=True)
+class Results:
+    """What an evaluation gave: one solver, one task, one suite."""
+
+    task: EvaluationTask
+    solver: str
+    settings: Mapping[str, Any]
+    suite: str  #: hash of the suite seed
+    records: Records
+    cost: Cost | None = None
+
+    @cached_property
+    def summary(self) -> Summary:
+        """Scores over the runs, with intervals."""
+        return summarise(self.records)
+
+    @property
+    def label(self) -> str:
+        """The solver with its settings, as tables and figures show it."""
+        given = ", ".join(f"{name}={value}" for name, value in sorted(self.settings.items()))
+        return f"{self.solver} ({given})" if given else self.solver
+
+    def __str__(self) -> str:
+        from sins_env.evaluation.board import as_markdown
+
+        return as_markdown([self])
+
+
+def chunks(runs: Sequence[int], size: int | None = None) -> list[tuple[int, ...]]:
+    """Runs in even portions of at most ``size``; by default of 64 to 256, and whatever the number of workers.
+
+    Raises:
+        ValueError: a size below one.
+    """
+    if size is not None and size < 1:
+        raise ValueError(f"chunk = {size!r}; allowed: at least 1")
+    size = size or min(max(math.ceil(len(runs) / 8), CHUNK_LEAST), CHUNK_MOST)
+    count = math.ceil(len(runs) / size)
+    edges = [round(i * len(runs) / count) for i in range(count + 1)]
+    return [tuple(runs[a:b]) for a, b in zip(edges, edges[1:], strict=False)]
+
+
+def evaluate(
+    task: str | EvaluationTask,
+    solver: registry.Solver,
+    runs: int | Iterable[int],
+    seed: int | None = None,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    executor: Executor | Runner | str | None = None,
+    workers: int | None = None,
+    chunk: int | None = None,
+    cost: bool = True,
+    progress: Report | None = None,
+    on_records: Callable[[Records], None] | None = None,
+) -> Results:
+    """Run a solver on a task and score it.
+
+    Args:
+        solver: a name, ``module:Factory``, or a class or function (at module level, for worker processes).
+        runs: how many, or the numbers of those wanted.
+        seed: of the suite; None is the task's own. The hash of a secret one may be published.
+        executor: None or "processes" for worker processes, "dask", any ``concurrent.futures.Executor``.
+        workers: processes; None is one per core, 1 stays in this process. Results do not depend on it.
+        chunk: runs per batch, by default 64 to 256. Other sizes change results by rounding only (1e-9).
+        cost: measure the time of one step besides, and its ratio to ckf.
+        progress: called with run-epochs done and in all.
+        on_records: called in this process with the records of each chunk as it ends; what was handed over
+            before a KeyboardInterrupt is done.
+
+    Raises:
+        ValueError, FileNotFoundError: names, settings or numbers that do not fit; nothing has run then.
+        RuntimeError: worker processes cannot start.
+    """
+    task = get_task(task)
+    wanted = list(range(runs)) if isinstance(runs, int) else sorted(set(runs))
+    task.check_runs(max(wanted, default=-1) + 1)
+    given = dict(settings or {})
+    registry.make(solver, given)
+    env = task.make(1)
+    total = len(wanted) * env.unwrapped.task.num_epochs  # type: ignore[attr-defined]
+    env.close()
+    jobs = [Job(task, solver, part, given, seed) for part in chunks(wanted, chunk)]
+    jobs[0].rngs()  # refuses a bad seed here rather than in a worker
+    report = progress or (lambda done, total: None)
+    where = runner(executor, workers, len(jobs))
+    parts: list[Records] = []
+    try:
+        for job, found in where.run(jobs, lambda done: report(min(done, total), total)):
+            records = found or lost_records(job, "its worker process died twice (out of memory, or a crash)")
+            parts.append(records)
+            if on_records:
+                on_records(records)
+    finally:
+        if isinstance(where, Processes) and where is not executor:
+            where.close()
+    report(total, total)
+    measured = measure_cost(task, solver, given) if cost else None
+    name = registry.solver_name(solver)
+    return Results(task, name, given, suite_hash(task, seed), Records.concat(parts), measured)
