@@ -1,7 +1,7 @@
 """Allan deviation: what a sensor's noise does over averaging times, measured and expected from a datasheet.
 
-Increments are integrals of a rate, so their running sum is the angle (or velocity) whose second differences the
-Allan deviation is made of. IEEE Std 952-1997, annex C; every rate here is in rad/s or m/s^2.
+Increments are integrals of a rate; the Allan deviation is made of the second differences of their running
+sum. IEEE Std 952-1997, annex C. Every deviation here is in rad/s or m/s^2.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class Allan(NamedTuple):
 def allan_deviation(increments: Array, dt: float, taus: Array | None = None) -> Allan:
     """Overlapping Allan deviation of increments (..., N, n) over samples of ``dt`` seconds.
 
-    ``taus`` are rounded to whole samples; None: ten per decade up to an eighth of the record. The standard error
-    takes the fewer of the degrees of freedom that white noise and a random walk of the rate would leave
-    (Greenhall and Riley 2003), so it is on the safe side for whatever lies between.
+    ``taus`` are rounded to whole samples; None: ten per decade up to an eighth of the record. The standard
+    error takes the fewer of the degrees of freedom that white noise and a random walk of the rate would leave
+    (Riley, NIST SP 1065, table 5), so it is on the safe side for whatever lies between.
 
     Raises:
         ValueError: fewer than nine samples, or an averaging time beyond half of the record.
@@ -44,7 +44,7 @@ def allan_deviation(increments: Array, dt: float, taus: Array | None = None) -> 
     m = np.unique(np.maximum(np.rint(np.asarray(taus) / dt).astype(np.int64), 1))
     if 2 * m[-1] > count:
         raise ValueError(
-            f"averaging time {m[-1] * dt:g} s of a record of {count * dt:g} s; allowed: up to half of it"
+            f"averaging time {m[-1] * dt:g} s; allowed: up to half the record, {count * dt / 2:g} s"
         )
     total = np.zeros((*increments.shape[:-2], count + 1, increments.shape[-1]))
     np.cumsum(increments, axis=-2, out=total[..., 1:, :])
@@ -65,7 +65,7 @@ def _degrees_of_freedom(points: int, m: NDArray[np.int64]) -> Array:
 
 
 class Budget(NamedTuple):
-    """Allan deviations (T,) of each part of a sensor's noise; their root sum of squares is what is to be seen."""
+    """Allan deviations (T,) of each part of a sensor's noise."""
 
     white: Array
     markov: Array
@@ -79,8 +79,8 @@ class Budget(NamedTuple):
 def expected_allan(spec: ImuSpec, tau: Array, moving: bool = False) -> tuple[Budget, Budget]:
     """What the Allan deviations of gyros, rad/s, and accelerometers, m/s^2, should be at ``tau`` (T,) s.
 
-    ``moving``: the input sweeps over many pulses per sample, so that rounding errors are independent. Otherwise
-    the sensor rests and only its own noise and bias shift the pulses.
+    ``moving``: the input sweeps over many pulses per sample, so that rounding errors are independent.
+    Otherwise the sensor rests, and only its own noise and bias shift the pulses.
     """
     return (
         Budget(
@@ -106,7 +106,7 @@ def white_noise(density: float, tau: Array) -> Array:
 
 
 def gauss_markov(sigma: float, time_constant_s: float, tau: Array) -> Array:
-    """Of a first-order Gauss-Markov rate with stationary ``sigma``: rises with sqrt(tau), peaks at 1.89 T, falls."""
+    """Of a first-order Gauss-Markov rate with stationary ``sigma``: rises as sqrt(tau), peaks at 1.89 T."""
     x = np.asarray(tau) / time_constant_s
     u = -np.expm1(-x)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -116,12 +116,12 @@ def gauss_markov(sigma: float, time_constant_s: float, tau: Array) -> Array:
 
 
 def quantisation(pulse: float, tau: Array, rest: tuple[float, float] | None = None) -> Array:
-    """Of counted pulses, whose remainder is carried to the next sample, so that the total is never off by more than half.
+    """Of counted pulses whose remainder is carried on: the total is never off by more than half a pulse.
 
-    The rounding error of the total is uniform, of variance pulse^2 / 12. Where it is independent from one end of
-    an averaging time to the next, the deviation is pulse / (2 tau) (IEEE 952: sqrt(3) Q / tau with Q = pulse /
-    sqrt(12)): slope -1. ``rest`` = (random walk, 1-sigma bias) of a sensor without input, which moves through
-    its pulses by itself only, so that the errors at both ends are correlated over short times; the mean over biases.
+    The rounding error of the total is uniform, of variance pulse^2 / 12. Where it is independent from one end
+    of an averaging time to the other, the deviation is pulse / (2 tau) (IEEE 952: sqrt(3) Q / tau with
+    Q = pulse / sqrt(12)): slope -1. ``rest`` = (random walk, 1-sigma bias) of a sensor without input, which
+    drifts through its pulses by these alone: over short times the errors at both ends are correlated.
     """
     if pulse == 0:
         return np.zeros(np.shape(tau))
@@ -132,9 +132,8 @@ def quantisation(pulse: float, tau: Array, rest: tuple[float, float] | None = No
     def correlation(lag: Array) -> Array:
         """Over pulse^2: the sawtooth's harmonics n, each with the characteristic function of the motion."""
         spread = (walk**2 * lag + (bias * lag) ** 2) / pulse**2
-        return np.sum(np.exp(-2 * np.pi**2 * spread[:, None] * _HARMONICS**2) / _HARMONICS**2, axis=1) / (
-            2 * np.pi**2
-        )
+        decay = np.exp(-2 * np.pi**2 * spread[:, None] * _HARMONICS**2)
+        return np.sum(decay / _HARMONICS**2, axis=1) / (2 * np.pi**2)
 
     tau = np.asarray(tau, dtype=float)
     variance = 6 * correlation(np.zeros(1)) - 8 * correlation(tau) + 2 * correlation(2 * tau)

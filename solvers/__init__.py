@@ -10,6 +10,7 @@ The bare filters are in :mod:`solvers.filters`, the contract in :mod:`solvers.ty
 from __future__ import annotations
 
 import inspect
+from dataclasses import fields
 from typing import Any
 
 from sins_env.errors import unknown
@@ -42,5 +43,9 @@ def make(name: str, **settings: Any) -> Estimator:
         return _COARSE[name](**settings)
     if name not in filters.names():
         raise unknown("solver", name, names())
+    allowed = [*_PIPELINE, *(f.name for f in fields(filters.FILTERS[name]))]
+    for key in settings:
+        if key not in allowed:
+            raise unknown(f"setting of {name}", key, allowed)
     pipeline = {key: settings.pop(key) for key in _PIPELINE if key in settings}
     return Aligner(filters.make_filter(name, **settings), **pipeline)

@@ -21,7 +21,6 @@ class Function(Protocol):
     def __call__(self, x: Array, /) -> Array: ...
 
 
-
 class Gaussian(NamedTuple):
     mean: Array  #: (..., n)
     cov: Array  #: (..., n, n)

@@ -1,4 +1,4 @@
-"""What one step of an estimator costs, at one run and on one thread, and how that compares with ckf in the same process."""
+"""What a step of an estimator costs at one run, on one thread, and its ratio to ckf in the same process."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sins_env.evaluation import registry
 from sins_env.evaluation.episode import EstimatorError, Job, _Guard
@@ -50,8 +50,10 @@ class _Probe:
         return times
 
 
-def measure_cost(task: EvaluationTask, solver: registry.Solver, settings: Mapping[str, Any] | None = None) -> Cost | None:
-    """Cost of a solver; blocks alternate with those of ckf, so that a busy machine slows both. None if it raises."""
+def measure_cost(
+    task: EvaluationTask, solver: registry.Solver, settings: Mapping[str, Any] | None = None
+) -> Cost | None:
+    """Cost of a solver; blocks alternate with ckf's, so that a busy machine slows both. None if it raises."""
     given = dict(settings or {})
     with threadpool_limits(1):
         try:

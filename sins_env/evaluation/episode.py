@@ -1,7 +1,8 @@
-"""Playing runs: one estimator against the vector environment, a batch in lockstep, and what becomes of failures.
+"""Playing runs: one estimator against the vector environment, in lockstep, and what becomes of failures.
 
-The estimator gets observations and the public Task only. An exception is a failed run with its traceback on record; if
-a batched estimator raises, its batch is halved until the runs at fault stand alone, so that the others keep their scores.
+The estimator gets observations and the public Task only. An exception is a failed run with its traceback on
+record; if a batched estimator raises, its batch is halved until the runs at fault stand alone, so that the
+others keep their scores.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ class EstimatorError(Exception):
 
 
 class _Guard:
-    """An estimator whose exceptions and malformed returns surface as :class:`EstimatorError`, with its clock."""
+    """An estimator whose exceptions and malformed returns become :class:`EstimatorError`, with a clock."""
 
     def __init__(self, estimator: Any, num_runs: int) -> None:
         self.estimator, self.num_runs = estimator, num_runs
@@ -60,7 +61,9 @@ class _Guard:
         try:
             return getattr(self.estimator, name)(*args)
         except (Exception, SystemExit) as error:
-            raise EstimatorError(f"{name} raised {type(error).__name__}: {' '.join(str(error).split())}") from error
+            raise EstimatorError(
+                f"{name} raised {type(error).__name__}: {' '.join(str(error).split())}"
+            ) from error
 
     def reset(self, task: types.Task, rngs: Sequence[np.random.Generator]) -> None:
         if self.batched:
@@ -89,13 +92,15 @@ class _Guard:
         try:
             array = np.asarray(value, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise EstimatorError(f"{name} returned a {type(value).__name__}; allowed: shape {expected}") from error
+            raise EstimatorError(
+                f"{name} returned a {type(value).__name__}; allowed: shape {expected}"
+            ) from error
         if array.shape != expected:
             raise EstimatorError(f"{name} returned shape {array.shape}; allowed: {expected}")
         return array.reshape(self.num_runs, *shape)
 
     def health(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Covariance repairs and the epoch at which each run froze (-1: none), of an estimator that reports them."""
+        """Covariance repairs and the epoch at which each run froze (-1: none), where they are reported."""
         if not hasattr(self.estimator, "health"):
             return np.zeros(self.num_runs, dtype=np.int64), np.full(self.num_runs, -1)
         health = self._call("health")
@@ -105,7 +110,9 @@ class _Guard:
                 for name in ("repairs", "failed_at")
             )
         except (AttributeError, TypeError, ValueError) as error:
-            raise EstimatorError(f"health returned {type(health).__name__} without repairs and failed_at") from error
+            raise EstimatorError(
+                f"health returned {type(health).__name__} without repairs and failed_at"
+            ) from error
         return repairs, frozen
 
 
@@ -113,8 +120,8 @@ def run_job(job: Job, tick: Tick | None = None) -> Records:
     """Play the runs of a job and score them.
 
     Raises:
-        ValueError, FileNotFoundError: settings of the task or the solver that do not fit. Never what an estimator
-            raises while it runs: that is on record.
+        ValueError, FileNotFoundError: settings of the task or the solver that do not fit. Never what an
+            estimator raises while it runs: that is on record.
     """
     done = _Counter(tick)
     estimator = registry.make(job.solver, job.settings)
@@ -135,7 +142,7 @@ class _Counter:
 
 
 def _play_or_split(job: Job, estimator: Any, done: _Counter) -> Records:
-    """Play a batch; where its estimator raises, halve it (made afresh: what raised may be left in any state)."""
+    """Play a batch; where its estimator raises, halve it (and make it afresh, its state is unknown)."""
     before = done.total
     try:
         return play(job, estimator, done)
@@ -143,7 +150,9 @@ def _play_or_split(job: Job, estimator: Any, done: _Counter) -> Records:
         done.total = before
         middle = len(job.runs) // 2
         halves = [replace(job, runs=runs) for runs in (job.runs[:middle], job.runs[middle:])]
-        return Records.concat([_play_or_split(h, registry.make(job.solver, job.settings), done) for h in halves])
+        return Records.concat(
+            [_play_or_split(h, registry.make(job.solver, job.settings), done) for h in halves]
+        )
 
 
 def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer | None = None) -> Records:
@@ -186,14 +195,20 @@ def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer 
             raise
         frozen = np.full(1, -1)
         at = (scorer.k + in_block + 1) * criteria.epoch_s
-        outcome |= {"status": np.array(["raised"]), "reason": (f"{error}, at {min(at, criteria.duration_s):.1f} s",)}
+        outcome |= {
+            "status": np.array(["raised"]),
+            "reason": (f"{error}, at {min(at, criteria.duration_s):.1f} s",),
+        }
         outcome["traceback"] = (_text(error),)
         if in_block:
             scorer.add(block[:, :in_block], failed[:, :in_block])
         scorer.fill()
     finally:
         env.close()
-    outcome |= {"heading": _heading(action), "step_s": np.full(runs, guard.seconds / (runs * criteria.num_epochs))}
+    outcome |= {
+        "heading": _heading(action),
+        "step_s": np.full(runs, guard.seconds / (runs * criteria.num_epochs)),
+    }
     return _with_frozen(scorer.records(job.runs, **outcome), frozen)
 
 
@@ -240,7 +255,7 @@ class Course:
     """One run at full rate, for figures."""
 
     records: Records
-    t: Array  #: (K,) s
+    t: NDArray[np.floating[Any]]  #: (K,) s
     phi: Array  #: (K, 3) rad
     sigma: Array  #: (K, 3) rad, the estimator's own; NaN where it states none
 

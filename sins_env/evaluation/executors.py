@@ -1,10 +1,12 @@
-"""Where jobs run: in this process, in worker processes, or in any ``concurrent.futures.Executor`` (Dask's, for instance).
+"""Where jobs run: in this process, in worker processes, or in any ``concurrent.futures.Executor``.
 
-A worker that dies costs only its job, which is run again once, alone; the second time it is handed back as lost.
+A worker that dies costs only its job, which is run again once, alone; the second time it is handed back as
+lost.
 """
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
 import os
 import signal
@@ -14,10 +16,10 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from types import TracebackType
 from typing import Any, Protocol
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sins_env.errors import unknown
-from sins_env.evaluation.episode import Job, Tick, run_job
+from sins_env.evaluation.episode import Job, run_job
 from sins_env.evaluation.scoring import Records
 
 POLL_S = 0.1
@@ -58,7 +60,7 @@ class Borrowed:
 
     def run(self, jobs: Sequence[Job], progress: Progress) -> Iterator[Finished]:
         futures = {self.executor.submit(_run_quietly, job): job for job in jobs}
-        retried: set[Job_] = set()
+        retried: set[tuple[int, ...]] = set()
         total = 0
         try:
             while futures:
@@ -86,9 +88,6 @@ class Borrowed:
             raise RuntimeError(f"the executor broke and takes no more jobs: {error}") from error
 
 
-Job_ = tuple[int, ...]
-
-
 def _run_quietly(job: Job) -> Records:
     with threadpool_limits(1):
         return run_job(job)
@@ -109,11 +108,13 @@ class Processes:
     def __enter__(self) -> Processes:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def close(self) -> None:
-        """Stop the workers: at the next block of epochs, or by force where that takes more than two seconds."""
+        """Stop the workers: at their next block of epochs, or by force after two seconds."""
         if self._pool is None:
             return
         self._shared[self.workers] = 1
@@ -131,7 +132,7 @@ class Processes:
         running: dict[Future[Records], tuple[Job, bool, int]] = {}
         finished = 0.0
         while waiting or suspects or running:
-            # A job that was running when a worker died is tried again alone, so that the next death names its cause.
+            # What ran when a worker died is tried again alone: the next death names its cause.
             limit = self.workers if waiting or any(first for _, first, _ in running.values()) else 1
             source = waiting or suspects
             while source and len(running) < limit:
@@ -166,8 +167,8 @@ class Processes:
                 pool.submit(os.getpid).result()
             except BrokenExecutor as error:
                 raise RuntimeError(
-                    "worker processes cannot start; a script must call evaluate() under if __name__ == '__main__': "
-                    "(or pass workers=1)"
+                    "worker processes cannot start; a script must call evaluate() under "
+                    "if __name__ == '__main__': (or pass workers=1)"
                 ) from error
             self._pool = pool
         return self._pool
@@ -209,31 +210,37 @@ def _in_worker(job: Job, slot: int) -> Records:
     return run_job(job, tick)
 
 
+def check_executor(name: str | None) -> None:
+    """Raises ValueError for a name that is none; the nearest is offered."""
+    if name is not None and name not in EXECUTORS:
+        raise unknown("executor", name, EXECUTORS)
+
+
 def runner(executor: Executor | Runner | str | None, workers: int | None, jobs: int) -> Runner:
-    """The runner for ``jobs`` jobs: a given one, an executor, or processes; one worker or one job stays in this process.
+    """The runner for ``jobs`` jobs: what is given, or processes; one worker or one job stays in this one.
 
     Raises:
         ValueError: an unknown name, or fewer than one worker.
     """
     if executor is not None and not isinstance(executor, str):
-        return Borrowed(executor) if isinstance(executor, Executor) or hasattr(executor, "submit") else executor
+        return executor if hasattr(executor, "run") else Borrowed(executor)
     if workers is not None and workers < 1:
         raise ValueError(f"workers = {workers!r}; allowed: at least 1")
+    check_executor(executor)
     if executor == "dask":
         return Borrowed(_dask(workers))
-    if executor not in (None, "processes"):
-        raise unknown("executor", executor, EXECUTORS)
     workers = min(workers or available_cores(), jobs)
     return Processes(workers) if workers > 1 else InProcess()
 
 
 def _dask(workers: int | None) -> Executor:
     try:
-        from distributed import Client
+        distributed: Any = importlib.import_module("distributed")
     except ImportError as error:
         raise ValueError("executor 'dask' needs the package distributed: pip install distributed") from error
-    client = Client(n_workers=workers or available_cores(), threads_per_worker=1)
-    return client.get_executor()  # type: ignore[no-any-return]
+    client = distributed.Client(n_workers=workers or available_cores(), threads_per_worker=1)
+    executor: Executor = client.get_executor()
+    return executor
 
 
-__all__ = ["Borrowed", "InProcess", "Processes", "Runner", "Tick", "available_cores", "runner"]
+__all__ = ["Borrowed", "InProcess", "Processes", "Runner", "available_cores", "check_executor", "runner"]

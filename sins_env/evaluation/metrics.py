@@ -1,6 +1,7 @@
 """Scores across runs, with intervals: pure functions of :class:`Records`. evaluation.md section 1.
 
-No run is dropped: a run that diverged enters with its errors, one that raised with the worst error from there on.
+No run is dropped: a run that diverged enters with its errors, one that raised with the worst error from
+there on.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ def median_interval(times: Array) -> tuple[float, Interval]:
         [np.median(rng.choice(times, (count, len(times))), axis=1) for count in _batches(len(times))]
     )
     tail = 50 * (1 - CONFIDENCE)
-    low, high = np.percentile(medians, [tail, 100 - tail], method="inverted_cdf")  # interpolation would make inf - inf
+    low, high = np.percentile(
+        medians, [tail, 100 - tail], method="inverted_cdf"
+    )  # interpolation would make inf - inf
     return float(np.median(times)), (float(low), float(high))
 
 
@@ -43,7 +46,7 @@ def restricted_mean(times: Array, horizon: float) -> float:
 
 
 def rms_interval(rms: Array) -> tuple[float, Interval]:
-    """RMS across runs of each run's RMS, with a 95 % BCa interval; no interval for one run, a point for equal ones.
+    """RMS across runs of each run's RMS, with a 95 % BCa interval: none for one run, a point for equal ones.
 
     The bootstrap resamples the runs' mean squares: within a run the errors are one correlated path.
     """
@@ -53,7 +56,9 @@ def rms_interval(rms: Array) -> tuple[float, Interval]:
         return value, NO_INTERVAL
     if np.ptp(squares) <= 1e-12 * squares.max():
         return value, (value, value)
-    with warnings.catch_warnings():  # BCa of very few runs may be degenerate; then the percentile interval stands
+    with (
+        warnings.catch_warnings()
+    ):  # BCa of very few runs may be degenerate; then the percentile interval stands
         warnings.simplefilter("ignore")
         low, high = _bootstrap(squares, "BCa")
         if not (math.isfinite(low) and math.isfinite(high)):
@@ -115,7 +120,8 @@ def consistency(records: Records) -> tuple[Nees, ...]:
 def success_profile(records: Records, points: int = 60) -> tuple[Array, Array, Array, Array]:
     """Success against the threshold: azimuth deltas, success, level deltas, success; deltas (points,) rad.
 
-    A run succeeds at delta if the largest error of its last hold_s is within delta, so no ranking hangs on one delta.
+    A run succeeds at delta if the largest error of its last hold_s is within delta, so no ranking hangs on
+    one delta.
     """
     out = []
     for largest, delta in (
@@ -139,7 +145,7 @@ def heading_spread(headings: Array) -> float:
 
 @dataclass(frozen=True)
 class Summary:
-    """One line of the board. Errors in arcsec by axis E, N, U; times in s from the start of fine alignment."""
+    """One line of the board. Errors in arcsec by axis; times in s from the start of fine alignment."""
 
     runs: int
     success: float  #: part of the runs whose three errors all converged
@@ -220,7 +226,9 @@ def rms_band(history: NDArray[np.float32], resamples: int = 400) -> tuple[Array,
     """
     known = np.isfinite(history)
     squares = np.where(known, np.square(history, dtype=float), 0.0)
-    weights = np.random.default_rng(SEED).multinomial(len(history), [1 / len(history)] * len(history), resamples)
+    weights = np.random.default_rng(SEED).multinomial(
+        len(history), [1 / len(history)] * len(history), resamples
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
         drawn = np.sqrt((weights @ squares) / (weights @ known.astype(float)))
         value = np.sqrt(squares.sum(axis=0) / known.sum(axis=0))

@@ -1,4 +1,4 @@
-"""``evaluate``: many runs of one solver on one task, in chunks, with a progress report and the same result anywhere."""
+"""``evaluate``: many runs of one solver on one task, in chunks, with progress, the same result anywhere."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 from sins_env.evaluation import registry
 from sins_env.evaluation.cost import Cost, measure_cost
 from sins_env.evaluation.episode import Job, lost_records
-from sins_env.evaluation.executors import Processes, Runner, runner
+from sins_env.evaluation.executors import Processes, Runner, check_executor, runner
 from sins_env.evaluation.metrics import Summary, summarise
 from sins_env.evaluation.scoring import Records
 from sins_env.evaluation.tasks import EvaluationTask, get_task, suite_hash
 
-#: run-epochs done, run-epochs in all
+#: simulated seconds done, and in all, summed over runs
 Report = Callable[[float, float], None]
 
 CHUNK_LEAST, CHUNK_MOST = 64, 256
@@ -62,7 +63,7 @@ def chunks(runs: Sequence[int], size: int | None = None) -> list[tuple[int, ...]
     size = size or min(max(math.ceil(len(runs) / 8), CHUNK_LEAST), CHUNK_MOST)
     count = math.ceil(len(runs) / size)
     edges = [round(i * len(runs) / count) for i in range(count + 1)]
-    return [tuple(runs[a:b]) for a, b in zip(edges, edges[1:], strict=False)]
+    return [tuple(runs[a:b]) for a, b in pairwise(edges)]
 
 
 def evaluate(
@@ -89,7 +90,7 @@ def evaluate(
         workers: processes; None is one per core, 1 stays in this process. Results do not depend on it.
         chunk: runs per batch, by default 64 to 256. Other sizes change results by rounding only (1e-9).
         cost: measure the time of one step besides, and its ratio to ckf.
-        progress: called with run-epochs done and in all.
+        progress: called with the simulated seconds done and in all, summed over runs.
         on_records: called in this process with the records of each chunk as it ends; what was handed over
             before a KeyboardInterrupt is done.
 
@@ -102,16 +103,14 @@ def evaluate(
     task.check_runs(max(wanted, default=-1) + 1)
     given = dict(settings or {})
     registry.make(solver, given)
-    env = task.make(1)
-    total = len(wanted) * env.unwrapped.task.num_epochs  # type: ignore[attr-defined]
-    env.close()
+    epoch, total = extent(task, len(wanted))
     jobs = [Job(task, solver, part, given, seed) for part in chunks(wanted, chunk)]
     jobs[0].rngs()  # refuses a bad seed here rather than in a worker
     report = progress or (lambda done, total: None)
     where = runner(executor, workers, len(jobs))
     parts: list[Records] = []
     try:
-        for job, found in where.run(jobs, lambda done: report(min(done, total), total)):
+        for job, found in where.run(jobs, lambda done: report(min(done * epoch, total), total)):
             records = found or lost_records(job, "its worker process died twice (out of memory, or a crash)")
             parts.append(records)
             if on_records:
@@ -123,3 +122,14 @@ def evaluate(
     measured = measure_cost(task, solver, given) if cost else None
     name = registry.solver_name(solver)
     return Results(task, name, given, suite_hash(task, seed), Records.concat(parts), measured)
+
+
+def extent(task: EvaluationTask, runs: int) -> tuple[float, float]:
+    """Length of an epoch, and of all runs together, s."""
+    env = task.make(1)
+    public = env.unwrapped.task  # type: ignore[attr-defined]
+    env.close()
+    return public.epoch_s, runs * public.num_epochs * public.epoch_s
+
+
+__all__ = ["Report", "Results", "check_executor", "chunks", "evaluate", "extent"]

@@ -1,4 +1,4 @@
-"""Finding solvers: by the name of an entry point in the group ``sins_env.estimators``, or as ``package.module:Factory``."""
+"""Finding solvers: by entry point in the group ``sins_env.estimators``, or as ``package.module:Factory``."""
 
 from __future__ import annotations
 
@@ -31,18 +31,23 @@ def solver_name(solver: Solver) -> str:
     """What a solver is called in tables: the name it was asked for, or module:name of a class or function."""
     if isinstance(solver, str):
         return solver
-    return f"{getattr(solver, '__module__', '?')}:{getattr(solver, '__qualname__', type(solver).__qualname__)}"
+    return (
+        f"{getattr(solver, '__module__', '?')}:{getattr(solver, '__qualname__', type(solver).__qualname__)}"
+    )
 
 
 def find(solver: Solver) -> Factory:
     """The factory of a solver; the current directory is searched for modules, too.
 
     Raises:
-        ValueError: no such name, module or attribute (the nearest one is offered), or a module that fails to import.
+        ValueError: no such name, module or attribute (the nearest one is offered), or a module that fails to
+        import.
     """
     if not isinstance(solver, str):
         if not callable(solver):
-            raise ValueError(f"solver {solver!r}; allowed: a name, 'package.module:Factory', or a class or function")
+            raise ValueError(
+                f"solver {solver!r}; allowed: a name, 'package.module:Factory', or a class or function"
+            )
         return solver
     if ":" in solver:
         return _from_module(solver)
@@ -53,7 +58,9 @@ def find(solver: Solver) -> Factory:
     try:
         factory = points[solver].load()
     except Exception as error:
-        raise ValueError(f"solver {solver!r} ({points[solver].value}) cannot be loaded: {_line(error)}") from error
+        raise ValueError(
+            f"solver {solver!r} ({points[solver].value}) cannot be loaded: {_line(error)}"
+        ) from error
     return _callable(factory, solver)
 
 
@@ -64,13 +71,17 @@ def _from_module(path: str) -> Factory:
     try:
         module = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
-        raise ValueError(f"solver {path!r}: {error}; allowed: module:Factory, importable from {os.getcwd()}") from error
+        raise ValueError(
+            f"solver {path!r}: {error}; allowed: module:Factory, importable from {os.getcwd()}"
+        ) from error
     except Exception as error:
         raise ValueError(f"solver {path!r}: importing {module_name} failed with {_line(error)}") from error
     target: Any = module
     for part in attribute.split("."):
         if not hasattr(target, part):
-            public = [name for name, value in vars(target).items() if callable(value) and not name.startswith("_")]
+            public = [
+                name for name, value in vars(target).items() if callable(value) and not name.startswith("_")
+            ]
             raise unknown(f"factory in {module_name}", attribute, public)
         target = getattr(target, part)
     return _callable(target, path)
@@ -78,8 +89,8 @@ def _from_module(path: str) -> Factory:
 
 def _callable(factory: Any, name: str) -> Factory:
     if not callable(factory):
-        raise ValueError(f"solver {name!r} is a {type(factory).__name__}; allowed: a class or function that makes an estimator")
-    return factory  # type: ignore[no-any-return]
+        raise ValueError(f"solver {name!r} is a {type(factory).__name__}; allowed: a class or function")
+    return factory
 
 
 def _line(error: BaseException) -> str:
@@ -90,7 +101,8 @@ def make(solver: Solver, settings: Mapping[str, Any] | None = None) -> Estimator
     """An estimator of that solver; ``settings`` are passed as keywords.
 
     Raises:
-        ValueError: as :func:`find`; settings the factory refuses; a product without ``reset``, ``step`` and ``batched``.
+        ValueError: as :func:`find`; settings the factory refuses; a product without ``reset``, ``step`` and
+        ``batched``.
     """
     name, given = solver_name(solver), dict(settings or {})
     try:
@@ -109,13 +121,22 @@ def make(solver: Solver, settings: Mapping[str, Any] | None = None) -> Estimator
 def describe(solver: Solver) -> tuple[str, dict[str, str]]:
     """First paragraph of the docstring, and the settings with their defaults as text."""
     factory = find(solver)
-    text = inspect.getdoc(factory) or inspect.getdoc(type(make(solver))) or ""
+    own = inspect.getdoc(factory)
+    text = own if own and own != inspect.getdoc(type(factory)) else inspect.getdoc(type(make(solver)))
     settings: dict[str, str] = {}
     for parameter in inspect.signature(factory).parameters.values():
         if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY):
             default = parameter.default
             settings[parameter.name] = "required" if default is parameter.empty else repr(default)
-    return text.split("\n\n")[0], settings
+    return (text or "").split("\n\n")[0], settings
+
+
+def _module_name(solver: Solver) -> str:
+    if not isinstance(solver, str):
+        return str(getattr(solver, "__module__", ""))
+    if ":" in solver:
+        return solver.partition(":")[0]
+    return next((p.module for p in importlib.metadata.entry_points(group=GROUP) if p.name == solver), "")
 
 
 #: Parts of the evaluation that decide scores; an edit of the others does not make old results stale.
@@ -123,10 +144,13 @@ _SCORING = ("tasks.py", "episode.py", "scoring.py")
 
 
 def code_version(solver: Solver) -> str:
-    """The package's version and 8 hex digits over the sources of world, scoring and solver: other code, other rows."""
+    """Version, and 8 hex digits over the sources of world, scoring and solver: other code, other rows."""
     world = Path(sins_env.__file__).parent
-    files = [path for path in world.rglob("*.py") if path.parent.name != "evaluation" or path.name in _SCORING]
-    module = sys.modules.get(getattr(find(solver), "__module__", ""))
+    files = [
+        path for path in world.rglob("*.py") if path.parent.name != "evaluation" or path.name in _SCORING
+    ]
+    find(solver)
+    module = sys.modules.get(_module_name(solver))
     source = getattr(module, "__file__", None)
     if module is not None and source:
         top = sys.modules.get(module.__name__.partition(".")[0])

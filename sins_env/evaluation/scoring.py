@@ -1,8 +1,8 @@
-"""Scores of single runs, taken epoch by epoch as they are played, so that memory does not grow with the duration.
+"""Scores of single runs, taken as they are played, so that memory does not grow with the duration.
 
-Errors enter as phi (E, N, U) rad of every epoch; what stays per run is a handful of numbers and a history at 1 Hz.
-The definitions are those of evaluation.md section 1. A failed epoch (non-finite action) carries the worst error that
-phi can express and so counts in every score.
+Errors enter as phi (E, N, U) rad of every epoch; what stays per run is a handful of numbers and a history at
+1 Hz. The definitions are those of evaluation.md section 1. A failed epoch (non-finite action) carries the
+worst error that phi can express and so counts in every score.
 """
 
 from __future__ import annotations
@@ -83,15 +83,19 @@ class Criteria:
         return second * max(math.ceil(self.num_epochs / second / MAX_HISTORY), 1)
 
     @property
-    def history_t(self) -> Array:
+    def history_t(self) -> NDArray[np.floating[Any]]:
         """Times of the history, s."""
         return np.arange(self.history_stride, self.num_epochs + 1, self.history_stride) * self.epoch_s
 
     @property
     def nees_epochs(self) -> tuple[int, ...]:
-        """Where the covariance is asked for; none after an unknown start, whose spread is not what the prior says."""
+        """Where the covariance is asked for; none after an unknown start, whose spread no prior states."""
         fine = self.num_epochs - self.coarse_epochs
-        return tuple(self.coarse_epochs + max(round(part * fine), 1) for part in NEES_AT) if self.known_start else ()
+        return (
+            tuple(self.coarse_epochs + max(round(part * fine), 1) for part in NEES_AT)
+            if self.known_start
+            else ()
+        )
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,7 @@ class Records:
 
     @property
     def aligned_s(self) -> Array:
-        """(R,) when all three errors have converged, s from the start of fine alignment; inf where censored."""
+        """(R,) when all three errors have converged, s from the start of the fine phase; inf: censored."""
         return self.t_conv.max(axis=1)
 
     def row(self, i: int) -> dict[str, Any]:
@@ -132,8 +136,10 @@ class Records:
         """The inverse of :meth:`row`, in the order of the runs."""
         rows = sorted(rows, key=lambda row: int(row["run"]))
         tuples = ("reason", "traceback")
-        columns = {f.name: [row[f.name] for row in rows] for f in fields(cls) if f.name != "criteria"}
-        return cls(criteria, **{n: tuple(c) if n in tuples else np.array(c) for n, c in columns.items()})
+        names = [f.name for f in fields(cls) if f.name != "criteria"]
+        columns: dict[str, Any] = {name: [row[name] for row in rows] for name in names}
+        arrays: dict[str, Any] = {n: tuple(c) if n in tuples else np.array(c) for n, c in columns.items()}
+        return cls(criteria, **arrays)
 
     @classmethod
     def concat(cls, parts: Sequence[Records]) -> Records:
@@ -142,7 +148,7 @@ class Records:
 
 def nees(phi: Array, covariance: Array) -> Array:
     """e' P^-1 e of each run: (R, 3), (R, 3, 3) -> (R,); inf where P is not a covariance."""
-    finite = np.isfinite(covariance).all(axis=(-2, -1))
+    finite: Bools = np.asarray(np.isfinite(covariance).all(axis=(-2, -1)))
     P = np.where(finite[:, None, None], covariance, np.eye(3))
     values, vectors = np.linalg.eigh(0.5 * (P + np.swapaxes(P, -1, -2)))
     valid = finite & (values[:, 0] > 0)
@@ -152,7 +158,7 @@ def nees(phi: Array, covariance: Array) -> Array:
 
 
 class Scorer:
-    """Takes the errors of a batch in order; :meth:`records` when all epochs, or the rest by :meth:`fill`, are in."""
+    """Takes the errors of a batch in order; :meth:`records` when all are in (the rest by :meth:`fill`)."""
 
     def __init__(self, criteria: Criteria, num_runs: int) -> None:
         self.criteria, self.k = criteria, 0
@@ -173,7 +179,9 @@ class Scorer:
         self.k += phi.shape[1]
         size = np.abs(phi)
         fine = (k > c.coarse_epochs)[:, None]
-        self.last_bad = np.maximum(self.last_bad, np.where((size > c.delta) & fine, k[:, None], 0).max(axis=1))
+        self.last_bad = np.maximum(
+            self.last_bad, np.where((size > c.delta) & fine, k[:, None], 0).max(axis=1)
+        )
         first_held = c.num_epochs - round(c.hold_s / c.epoch_s)
         if k[-1] >= first_held:
             self.hold_max = np.maximum(self.hold_max, size[:, k >= first_held].max(axis=1))

@@ -1,7 +1,7 @@
-"""Evaluation tasks: an environment, frozen keyword arguments, thresholds and a suite seed. The version is in the name.
+"""Tasks: environment, frozen keyword arguments, thresholds, suite seed; the name holds theversion.
 
-Run seeds derive from the suite seed, the task's name and the run alone, so they depend neither on the number of workers
-nor on the solver: every solver meets the same runs. evaluation.md section 2.
+Run seeds derive from the suite seed, the task's name and the run alone, so they depend neither on the number
+of workers nor on the solver: every solver meets the same runs. evaluation.md section 2.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class EvaluationTask:
-    """What is run and what counts as aligned. A change of any field but ``what`` and ``source`` is a new version."""
+    """What is run and what counts as aligned. Any change but to ``what`` and ``source`` is a new version."""
 
     name: str
     what: str
@@ -37,7 +37,7 @@ class EvaluationTask:
     kwargs: Mapping[str, Any] = field(default_factory=dict)  #: of the environment; JSON-able
     hold_s: float = 60.0  #: how long an error must stay within its threshold until the end
     suite_seed: int = 0
-    windows: tuple[tuple[float, float], ...] = ()  #: of a recording: run i is window i (start s, length s)
+    windows: int = 0  #: of a recording: run i is window i; 0 where runs are drawn
 
     @property
     def delta(self) -> Array:
@@ -46,16 +46,24 @@ class EvaluationTask:
         return np.array([level, level, self.delta_azimuth_deg * DEG])
 
     @property
+    def thresholds(self) -> str:
+        """In words."""
+        level = f'{self.delta_level_arcsec:g}"'
+        return f"azimuth within {self.delta_azimuth_deg:g} deg and level within {level}"
+
+    @property
     def max_runs(self) -> int | None:
         """The number of windows of a recording; None where runs are drawn."""
-        return len(self.windows) or None
+        return self.windows or None
 
     def check_runs(self, runs: int) -> None:
         """Raises ValueError unless 1 <= runs, and runs <= max_runs for a recording."""
         if runs < 1:
             raise ValueError(f"runs = {runs!r}; allowed: at least 1")
         if self.max_runs is not None and runs > self.max_runs:
-            raise ValueError(f"runs = {runs} on {self.name}; allowed: up to {self.max_runs}, the windows of its recording")
+            raise ValueError(
+                f"runs = {runs} on {self.name}; allowed: up to {self.max_runs}, the windows of its recording"
+            )
 
     def make(self, num_envs: int, **more: Any) -> VectorEnv[Any, Any, Any]:
         """The native vector environment of ``num_envs`` runs.
@@ -68,9 +76,10 @@ class EvaluationTask:
     def reset(
         self, env: VectorEnv[Any, Any, Any], runs: Sequence[int], suite_seed: int | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Reset ``env`` (one row per run) to these runs of the suite; observation 1 and the info of the start."""
-        options = {"window": [list(self.windows[run]) for run in runs]} if self.windows else None
-        return env.reset(seed=[run_seed(self, run, suite_seed) for run in runs], options=options)
+        """Reset ``env`` (one row per run) to these runs of the suite; observation 1 and the start's info."""
+        options = {"window": list(runs)} if self.windows else None
+        seeds: Any = [run_seed(self, run, suite_seed) for run in runs]
+        return env.reset(seed=seeds, options=options)
 
 
 def _sequence(task: EvaluationTask, suite_seed: int | None, *key: int) -> np.random.SeedSequence:
@@ -85,7 +94,9 @@ def run_seed(task: EvaluationTask, run: int, suite_seed: int | None = None) -> i
     return int(_sequence(task, suite_seed, run).generate_state(1, np.uint64)[0])
 
 
-def solver_rng(task: EvaluationTask, solver: str, run: int, suite_seed: int | None = None) -> np.random.Generator:
+def solver_rng(
+    task: EvaluationTask, solver: str, run: int, suite_seed: int | None = None
+) -> np.random.Generator:
     """The stream that one solver draws from in one run."""
     return np.random.default_rng(_sequence(task, suite_seed, zlib.crc32(solver.encode()), run))
 
@@ -102,8 +113,9 @@ DIGEST_EPOCHS = 20
 def digest(task: EvaluationTask) -> str:
     """16 hex digits that change when the world of a task changes: its starts and first epochs, runs 0 and 1.
 
-    Each field enters as four weighted sums to nine digits. Values themselves could not be rounded safely: an increment
-    is a small difference, and another CPU's last bit would cross a rounding edge somewhere among thousands.
+    Each field enters as four weighted sums to nine digits. Values themselves could not be rounded safely: an
+    increment is a small difference, and another CPU's last bit would cross a rounding edge somewhere among
+    thousands.
     """
     env = task.make(2)
     obs, info = task.reset(env, (0, 1))
@@ -124,10 +136,6 @@ def digest(task: EvaluationTask) -> str:
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 
-def _windows(end: float, length: float, stride: float) -> tuple[tuple[float, float], ...]:
-    return tuple((float(start), length) for start in np.arange(0.0, end - length + 1e-9, stride))
-
-
 _SWAY = "SINS/AlignSway-v0"
 _TASKS = (
     EvaluationTask(
@@ -137,7 +145,13 @@ _TASKS = (
         _SWAY,
         delta_azimuth_deg=0.7,
         delta_level_arcsec=70.0,
-        kwargs={"imu": "thesis-white", "gps": "thesis", "start": "told", "prior": "matched", "duration": 360.0},
+        kwargs={
+            "imu": "thesis-white",
+            "gps": "thesis",
+            "start": "told",
+            "prior": "matched",
+            "duration": 360.0,
+        },
     ),
     EvaluationTask(
         "sway-markov-v0",
@@ -146,11 +160,17 @@ _TASKS = (
         _SWAY,
         delta_azimuth_deg=1.6,
         delta_level_arcsec=70.0,
-        kwargs={"imu": "thesis-markov", "gps": "thesis", "start": "told", "prior": "matched", "duration": 600.0},
+        kwargs={
+            "imu": "thesis-markov",
+            "gps": "thesis",
+            "start": "told",
+            "prior": "matched",
+            "duration": 600.0,
+        },
     ),
     EvaluationTask(
         "sway-told-wrong-v0",
-        "filters are told the prior of 000 section 2.5.4 and R = (0.1 m/s)^2 while the GPS is 0.01 m/s, 360 s",
+        "told the prior of 000 section 2.5.4 and R = (0.1 m/s)^2 while the GPS is 0.01 m/s, 360 s",
         "equations.md L",
         _SWAY,
         delta_azimuth_deg=0.6,
@@ -181,13 +201,13 @@ _TASKS = (
     ),
     EvaluationTask(
         "rlg-car-v0",
-        "real laser-gyro recording of a disturbed parked car: 300 s windows every 150 s, 90 s coarse and 210 s fine",
+        "real laser-gyro recording of a disturbed parked car, seven windows of 90 s coarse and 210 s fine",
         "../shared/data",
         "SINS/Replay-v0",
         delta_azimuth_deg=0.3,
         delta_level_arcsec=90.0,
-        kwargs={"recording": "rlg_parked_car.npz", "window": [0.0, 300.0], "coarse": 90.0},
-        windows=_windows(1230.0, 300.0, 150.0),
+        kwargs={"recording": "rlg_parked_car.npz", "window": [0.0, 300.0], "stride": 150.0, "coarse": 90.0},
+        windows=7,
     ),
 )
 

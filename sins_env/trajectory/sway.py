@@ -28,7 +28,7 @@ from sins_env.types import NavState, Site
 
 Array = NDArray[np.float64]
 
-_NODES = {False: 5, True: 14}  # Gauss-Legendre nodes per IMU sample, without and with vibration (1.3 periods a sample)
+_SLOW = 12.0  # rad/s, beyond the sums of the sway's frequencies and their doubles
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Sway:
         self._gravity = float(earth.gravity(model, site.latitude, site.height))
         self._rate_ie = earth.rate_n(model, site.latitude)
         self._transport = earth.transport_matrix(model, site.latitude, site.height)
-        self._nodes, self._weights = np.polynomial.legendre.leggauss(_NODES[vibration])
+        self._nodes, self._weights = np.polynomial.legendre.leggauss(_node_count(0.5 * epoch_s / n_sub, vibration))
 
     def reset(self, rngs: Sequence[np.random.Generator]) -> NavState:
         draws = np.stack([rng.random(22) for rng in rngs])  # one layout whatever the options: streams stay comparable
@@ -155,7 +155,7 @@ class Sway:
 
     def _integrals(self, edges: Array) -> tuple[Array, Array]:
         """Over each IMU sample: integrals of C_0' g_k, ([runs,] 3 K, samples * 3), and of omega_nb^b, ([runs,] samples * 3)."""
-        half = 0.5 * (edges[1] - edges[0])
+        half = 0.5 * self.epoch_s / self.n_sub
         t = (edges[:-1] + half)[:, None] + half * self._nodes  # (samples, nodes)
         C, rate = self._turning(t)
         phase = self._omega[..., None, None, :] * t[..., None]
@@ -198,6 +198,18 @@ class Sway:
         _, rate_nb = self._turning(t)
         rate_en_b = np.matmul(np.swapaxes(attitude.to_dcm(q_nb), -1, -2), (self._transport @ vel[..., None]))[..., 0]
         return NavState(q_nb, vel, earth.displace(self._earth, self.site.pos, offset)), rate_nb + rate_en_b
+
+
+def _node_count(half: float, vibration: bool) -> int:
+    """Gauss-Legendre nodes that integrate the fastest oscillation over a sample of 2 ``half`` s to rounding.
+
+    For exp(i k x) over (-1, 1) the error falls as (e k / 4n)^(2n); with too few nodes vibration would alias.
+    """
+    k = half * (_SLOW + 2 * np.pi * (float(VIBRATION_HZ.max()) if vibration else 0.0))
+    nodes = 5
+    while 2 * nodes * math.log(math.e * k / (4 * nodes)) > math.log(1e-16):
+        nodes += 1
+    return nodes
 
 
 def _interleave(a: Array, b: Array) -> Array:

@@ -104,14 +104,13 @@ class CoarseAlignment:
         return self._vel @ C_n_i.T + self._swept
 
     def _add_window(self, v_i: Array) -> None:
-        """The pair of differences across the window; until one is full, the pair since the start."""
+        """The pair of differences across the window; before one is full, the pair since the start, at a hundredth of its weight."""
         assert self._ring is not None
         slot = self._k % self._lag
         full = self._k > self._lag
-        d_b = self._v_b - self._ring[0, slot] if full else self._v_b
-        d_i = v_i - self._ring[1, slot] if full else v_i
-        pair = d_b[..., :, None] * d_i[..., None, :]
-        self._profile = self._profile + pair if self._k > self._lag + 1 else pair
+        d_b = self._v_b - self._ring[0, slot] if full else 0.1 * self._v_b
+        d_i = v_i - self._ring[1, slot] if full else 0.1 * v_i
+        self._profile = self._profile + d_b[..., :, None] * d_i[..., None, :]
         self._ring[0, slot], self._ring[1, slot] = self._v_b, v_i
 
     def _wahba(self) -> Array:

@@ -1,0 +1,173 @@
+"""``sins-env``: the command line. An error is one line with the nearest valid name; codes in :func:`main`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+from rich.console import Console
+
+from sins_env.errors import unknown
+
+INTERRUPTED = 130
+DEFAULT_DB = "results.sqlite"
+
+
+class _Wrong(Exception):
+    """Wrong use, in one line."""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise _Wrong(f"{message} (see {self.prog} --help)")
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: NAME=VALUE")
+    try:
+        return name, json.loads(value)
+    except json.JSONDecodeError:
+        return name, value
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: a whole number, at least 1")
+    return int(text)
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: a whole number that is not negative")
+    return int(text)
+
+
+def _several(parser: argparse.ArgumentParser, *flags: str, **settings: Any) -> None:
+    parser.add_argument(*flags, nargs="+", action="extend", default=[], metavar="NAME", **settings)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The whole grammar; each verb's function is its default ``go``."""
+    from sins_env.evaluation import commands
+
+    top = _Parser(prog="sins-env", description="Which filter aligns a strapdown inertial system fastest?")
+    verbs = top.add_subparsers(dest="verb", metavar="VERB", parser_class=_Parser)
+
+    def verb(
+        name: str, go: Callable[[argparse.Namespace, Console], int], text: str
+    ) -> argparse.ArgumentParser:
+        sub = verbs.add_parser(name, help=text, description=text)
+        sub.set_defaults(go=go)
+        return sub
+
+    verb("list", commands.list_all, "environments, tasks, solvers and presets")
+
+    sub = verb(
+        "describe", commands.describe, "what is known of an environment, task, solver, preset or recording"
+    )
+    sub.add_argument("name", metavar="NAME")
+    sub.add_argument(
+        "--allan", metavar="FILE", help="draw the Allan deviation of an IMU preset or a recording"
+    )
+
+    sub = verb("run", commands.run, "one episode, with its final errors and a figure")
+    sub.add_argument("task", metavar="TASK")
+    sub.add_argument("solver", metavar="SOLVER")
+    sub.add_argument("--run", type=_seed, default=0, metavar="N", help="which run of the suite (default 0)")
+    sub.add_argument("--plot", metavar="FILE", help="draw the errors over time")
+    sub.add_argument("--traceback", action="store_true", help="show where the solver raised")
+
+    sub2 = verb("eval", commands.evaluate, "many runs of solvers on tasks, into a results file")
+    _several(sub2, "--task", required=True, help="one task or several")
+    _several(sub2, "--solver", required=True, help="names, or module:Factory")
+    sub2.add_argument(
+        "--runs", type=_count, default=100, metavar="N", help="default 100; a recording has its windows"
+    )
+    sub2.add_argument("--executor", default="processes", metavar="NAME", help="processes (default) or dask")
+    sub2.add_argument("--workers", type=_count, metavar="N", help="default: one per core")
+    sub2.add_argument("--chunk", type=_count, metavar="N", help="runs per batch (default 64 to 256)")
+    sub2.add_argument(
+        "--resume", action="store_true", help="keep the runs that are there, make those that are missing"
+    )
+    sub2.add_argument(
+        "--plot", metavar="FILE", help="draw errors over time and success against the threshold"
+    )
+    for each in (sub, sub2):
+        each.add_argument("--seed", type=_seed, metavar="N", help="of the suite (default: the task's own)")
+        each.add_argument(
+            "--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting"
+        )
+
+    sub = verb("board", commands.board, "the ranked table of a results file")
+    _several(sub, "--task", help="these tasks only")
+    _several(sub, "--solver", help="these solvers only")
+    form = sub.add_mutually_exclusive_group()
+    for name in ("md", "csv", "json"):
+        form.add_argument(f"--{name}", dest="form", action="store_const", const=name)
+    sub.add_argument("--plot", metavar="FILE", help="draw errors over time and success against the threshold")
+    for each in (sub, sub2):
+        each.add_argument(
+            "--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})"
+        )
+
+    sub = verb("check", commands.check, "hold an estimator against the contract")
+    sub.add_argument("solver", metavar="NAME|module:Factory")
+    sub.add_argument(
+        "--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting"
+    )
+
+    sub = verb("bench", commands.bench, "speed of the whole chain and of its parts")
+    sub.add_argument("solver", metavar="SOLVER", nargs="?", default="ckf")
+    sub.add_argument("--task", default="sway-white-v0", metavar="NAME")
+    sub.add_argument(
+        "--runs", type=_count, nargs="+", default=[256, 1], metavar="N", help="batch sizes (default 256 1)"
+    )
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; its exit code: 0, 1 for a failed run, 2 for wrong use, 130 for Ctrl-C."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        code = _run(arguments)
+        sys.stdout.flush()
+        return code
+    except SystemExit as error:  # --help
+        return int(error.code or 0)
+    except KeyboardInterrupt as error:
+        return _say(str(error) or "interrupted", INTERRUPTED)
+    except BrokenPipeError:  # the reader (head, less) has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (_Wrong, ValueError, FileNotFoundError) as error:
+        return _say(str(error), 2)
+    except OSError as error:
+        return _say(str(error), 2)
+    except Exception as error:
+        if os.environ.get("SINS_ENV_TRACEBACK"):
+            raise
+        return _say(f"{type(error).__name__}: {error} (SINS_ENV_TRACEBACK=1 shows where)", 1)
+
+
+def _run(arguments: list[str]) -> int:
+    top = parser()
+    verbs = next(a for a in top._actions if isinstance(a, argparse._SubParsersAction)).choices
+    if not arguments:
+        top.print_help(sys.stderr)
+        return 2
+    if not arguments[0].startswith("-") and arguments[0] not in verbs:
+        raise unknown("command", arguments[0], verbs)
+    given = top.parse_args(arguments)
+    return int(given.go(given, Console(soft_wrap=not sys.stdout.isatty() and "COLUMNS" not in os.environ)))
+
+
+def _say(message: str, code: int) -> int:
+    """One line on standard error."""
+    print(f"sins-env: {' '.join(message.split())}", file=sys.stderr)
+    return code

@@ -1,0 +1,273 @@
+"""What the verbs of ``sins-env`` do. Tables go to standard output, progress and remarks to standard error."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from sins_env.errors import unknown
+from sins_env.evaluation import bench as speed
+from sins_env.evaluation import board as boards
+from sins_env.evaluation import monte_carlo, registry
+from sins_env.evaluation.check import Check, check_estimator
+from sins_env.evaluation.episode import run_episode
+from sins_env.evaluation.executors import Processes, available_cores
+from sins_env.evaluation.listing import describe, list_all
+from sins_env.evaluation.progress import Bar
+from sins_env.evaluation.scoring import Records
+from sins_env.evaluation.store import Key, Store, canonical
+from sins_env.evaluation.tasks import EvaluationTask, get_task, suite_hash
+from sins_env.specs import ARCSEC, DEG
+
+__all__ = ["bench", "board", "check", "describe", "evaluate", "list_all", "run"]
+
+
+def remark(text: str) -> None:
+    print(text, file=sys.stderr)
+
+
+def check_plot(path: str | None) -> None:
+    """Refuse a figure that could not be written before the work is done.
+
+    Raises:
+        ValueError: a format that Matplotlib does not write, or a directory that does not exist.
+    """
+    if path is None:
+        return
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    allowed = FigureCanvasBase.get_supported_filetypes()
+    ending = Path(path).suffix.lstrip(".").lower()
+    if ending not in allowed:
+        raise ValueError(
+            f"--plot {path}; allowed: a file that ends in {', '.join(f'.{name}' for name in sorted(allowed))}"
+        )
+    if not Path(path).resolve().parent.is_dir():
+        raise ValueError(f"--plot {path}: the directory does not exist")
+
+
+def _save(figure: Any, path: str) -> None:
+    from sins_env.evaluation import plots
+
+    plots.save(figure, path)
+    remark(f"figure: {path}")
+
+
+def run(given: Namespace, console: Console) -> int:
+    """One episode with live errors."""
+    task, settings = get_task(given.task), dict(given.set)
+    check_plot(given.plot)
+    registry.make(given.solver, settings)
+    with Bar(f"{given.solver} on {task.name}") as bar:
+
+        def watch(k: int, phi: Any, sigma: Any) -> None:
+            if k % 10 == 0:
+                note = f"azimuth {phi[0, 2] / DEG:+8.3f} deg"
+                bar.update(k * epoch, total, note)
+
+        epoch, total = monte_carlo.extent(task, 1)
+        course = run_episode(task, given.solver, given.run, given.seed, settings=settings, observer=watch)
+    records = course.records
+    if records.status[0] == "raised" and given.traceback:
+        remark(records.traceback[0].rstrip())
+    if given.plot:
+        from sins_env.evaluation import plots
+
+        _save(plots.run_figure(task, given.solver, course), given.plot)
+    if records.status[0] == "raised":
+        raise RunFailed(f"{given.solver} on {task.name}, run {given.run}: {records.reason[0]}")
+    console.print(_run_table(given, task, records))
+    return 0
+
+
+class RunFailed(Exception):
+    """The solver raised in the one run asked for."""
+
+
+def _run_table(given: Namespace, task: EvaluationTask, records: Records) -> Table:
+    title = f"{given.solver} on {task.name}, run {given.run}"
+    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
+    table.add_column("error")
+    for name in ("at the end", "RMS, steady", "threshold", "within it from"):
+        table.add_column(name, justify="right")
+    for name, j, unit, sign in (
+        ("azimuth", 2, DEG, "°"),
+        ("east", 0, ARCSEC, '"'),
+        ("north", 1, ARCSEC, '"'),
+    ):
+        time = float(records.t_conv[0, j])
+        table.add_row(
+            name,
+            f"{records.final[0, j] / unit:+.4g}{sign}",
+            f"{boards.number(records.steady_rms[0, j] / unit)}{sign}",
+            f"{records.criteria.delta[j] / unit:g}{sign}",
+            f"{time:.1f} s" if np.isfinite(time) else Text("not aligned", style="red"),
+        )
+    coarse = (
+        f" after {records.criteria.coarse_s:g} s of coarse alignment" if records.criteria.coarse_s else ""
+    )
+    table.caption = (
+        f"{records.reason[0] or str(records.status[0])}; times from the start of the fine phase{coarse}"
+    )
+    table.caption_justify = "left"
+    return table
+
+
+def _pairs(given: Namespace) -> list[tuple[EvaluationTask, str]]:
+    """Every task with every solver, each once; all names are checked before anything runs."""
+    tasks = [get_task(name) for name in dict.fromkeys(given.task)]
+    solvers = list(dict.fromkeys(given.solver))
+    for solver in solvers:
+        registry.make(solver, dict(given.set))
+    for task in tasks:
+        task.make(1).close()
+        if task.max_runs is not None and given.runs > task.max_runs:
+            remark(f"{task.name}: {task.max_runs} runs, the windows of its recording")
+    return [(task, solver) for task in tasks for solver in solvers]
+
+
+def evaluate(given: Namespace, console: Console) -> int:
+    """Evaluate, store as chunks end, then show the table."""
+    check_plot(given.plot)
+    pairs, settings = _pairs(given), dict(given.set)
+    canonical(settings)
+    monte_carlo.check_executor(given.executor)
+    with Store(given.db) as store:
+        keys = [
+            Key.of(task.name, suite_hash(task, given.seed), solver, settings, registry.code_version(solver))
+            for task, solver in pairs
+        ]
+        present = [store.runs_of(key) for key in keys]
+        if any(present) and not given.resume:
+            i = next(i for i, runs in enumerate(present) if runs)
+            raise ValueError(
+                f"{given.db} holds {len(present[i])} runs of {keys[i].solver} on {keys[i].task} already; "
+                "they are kept: --resume adds what is missing, --db FILE begins another file"
+            )
+        todo = [
+            (task, solver, key, sorted(set(range(min(given.runs, task.max_runs or given.runs))) - there))
+            for (task, solver), key, there in zip(pairs, keys, present, strict=True)
+        ]
+        _evaluate_all(given, store, todo, settings)
+        results = [store.results(key, range(given.runs)) for key in keys]
+    for group in boards.by_task(results).values():
+        console.print(boards.table(group))
+    if given.plot:
+        from sins_env.evaluation import plots
+
+        _save(plots.error_figure(results), given.plot)
+    bad = [one for one in results if one.summary.counts["raised"] + one.summary.counts["lost"]]
+    for one in bad:
+        records = one.records
+        i = next(i for i, status in enumerate(records.status) if status in ("raised", "lost"))
+        remark(f"{one.label} on {one.task.name}, run {records.run[i]}: {records.reason[i]}")
+    return 1 if bad else 0
+
+
+def _evaluate_all(given: Namespace, store: Store, todo: list[Any], settings: dict[str, Any]) -> None:
+    """All pairs share the worker processes; after an interruption the chunks that have ended are stored."""
+    workers = given.workers or available_cores()
+    pool = given.executor == "processes" and workers > 1 and sum(len(runs) for *_, runs in todo) > 1
+    with Processes(workers) if pool else nullcontext() as shared:
+        where = shared or (given.executor if given.executor != "processes" else None)
+        for i, (task, solver, key, missing) in enumerate(todo, start=1):
+            if not missing:
+                continue
+            label = f"{solver} on {task.name} ({i}/{len(todo)})"
+            try:
+                with Bar(label) as bar:
+                    results = monte_carlo.evaluate(
+                        task,
+                        solver,
+                        missing,
+                        given.seed,
+                        settings=settings,
+                        executor=where,
+                        workers=given.workers if where is not None else 1,
+                        chunk=given.chunk,
+                        progress=bar.update,
+                        on_records=lambda records, key=key: store.add(key, records),  # type: ignore[misc]
+                    )
+            except KeyboardInterrupt as error:
+                kept = len(store.runs_of(key))
+                what = f"{kept} runs of {solver} on {task.name} are in {given.db}"
+                raise KeyboardInterrupt(f"interrupted: {what}; --resume continues") from error
+            if results.cost:
+                store.add_cost(key, results.cost)
+
+
+def board(given: Namespace, console: Console) -> int:
+    """The table from the file alone."""
+    check_plot(given.plot)
+    with Store(given.db, read_only=True) as store:
+        held = store.keys()
+        for kind, wanted, there in (
+            ("task", given.task, {key.task for key in held}),
+            ("solver", given.solver, {key.solver for key in held}),
+        ):
+            for name in wanted:
+                if name not in there:
+                    raise unknown(f"{kind} in {given.db}", name, there)
+        results = [store.results(key) for key in store.keys(given.task, given.solver)]
+    if given.form:
+        text = {"md": boards.as_markdown, "csv": boards.as_csv, "json": boards.as_json}[given.form](results)
+        print(text.rstrip("\n"))
+    elif not results:
+        remark(f"{given.db}: no results yet")
+    else:
+        for group in boards.by_task(results).values():
+            console.print(boards.table(group))
+    if given.plot and results:
+        from sins_env.evaluation import plots
+
+        _save(plots.error_figure(results), given.plot)
+    return 0
+
+
+def check(given: Namespace, console: Console) -> int:
+    """A line per point of the contract."""
+    marks = {True: "[green]pass[/]", False: "[bold red]FAIL[/]", None: "[dim]  - [/]"}
+
+    def show(one: Check) -> None:
+        detail = f"  [dim]{escape(one.detail)}[/]" if one.passed is not False else f"  {escape(one.detail)}"
+        console.print(
+            f"{marks[one.passed]}  {escape(one.name)}{detail if one.detail else ''}", highlight=False
+        )
+
+    found = check_estimator(given.solver, dict(given.set), show)
+    failed = sum(one.passed is False for one in found)
+    if failed:
+        raise RunFailed(f"{given.solver} fails {failed} of {len(found)} checks")
+    console.print(f"{given.solver} meets the contract", style="green", highlight=False)
+    return 0
+
+
+def bench(given: Namespace, console: Console) -> int:
+    """Speed, in CPU time on one thread."""
+    with Bar(f"bench of {given.solver}") as bar:
+        speeds = speed.measure(given.solver, given.task, batches=tuple(given.runs), progress=bar.update)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.title, table.title_justify, table.title_style = f"{given.solver} on {given.task}", "left", "bold"
+    table.add_column("part")
+    for name in ("runs", "x real time\nper core", "us per run\nand epoch"):
+        table.add_column(name, justify="right")
+    for i, one in enumerate(speeds):
+        bold = "bold" if one.part == "whole chain" else ""
+        cells = (one.part, str(one.runs), f"{one.real_time:,.0f}", f"{one.epoch_us:.2f}")
+        table.add_row(*cells, style=bold, end_section=i % 3 == 2)
+    table.caption, table.caption_justify = (
+        "CPU time, one thread, fine phase; median over blocks of epochs",
+        "left",
+    )
+    console.print(table)
+    return 0

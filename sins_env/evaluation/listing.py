@@ -1,0 +1,210 @@
+"""``sins-env list`` and ``sins-env describe``."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from sins_env.envs import ALIGNMENT_IDS
+from sins_env.errors import unknown
+from sins_env.evaluation import registry
+from sins_env.evaluation.tasks import TASKS, EvaluationTask, suite_hash
+from sins_env.specs import GPS_PRESETS, IMU_PRESETS
+
+
+def _table(title: str, *columns: str) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
+    table.show_header = any(columns)
+    for name in columns:
+        table.add_column(name, overflow="fold")
+    return table
+
+
+def _env_class(env_id: str) -> type:
+    entry = gymnasium.spec(env_id).entry_point
+    return gymnasium.envs.registration.load_env_creator(str(entry))  # type: ignore[return-value]
+
+
+def _summary(text: str | None) -> str:
+    """First sentence of a docstring, without markup."""
+    return _prose((text or "").split("\n\n")[0]).split(": ", 1)[-1]
+
+
+def _prose(text: str) -> str:
+    """A paragraph of a docstring on one line, without markup."""
+    return re.sub(r"(?::\w+:)?`+~?([^`]*)`+", r"\1", " ".join(text.split()))
+
+
+def list_all(given: Namespace, console: Console) -> int:
+    """Environments, tasks, solvers and presets."""
+    table = _table("environments", "id", "what")
+    for env_id in ALIGNMENT_IDS:
+        table.add_row(env_id, _summary(_env_class(env_id).__doc__))
+    console.print(table)
+    table = _table("tasks", "name", "what", "aligned within")
+    for task in TASKS.values():
+        table.add_row(task.name, task.what, f'{task.delta_azimuth_deg:g} deg, {task.delta_level_arcsec:g}"')
+    console.print(table)
+    table = _table("solvers", "name", "what")
+    for name in registry.names():
+        table.add_row(name, _summary(_safely(name)[0]))
+    if not registry.names():
+        table.add_row("-", "none installed: pip install . in the project's directory, or use module:Factory")
+    console.print(table)
+    table = _table("presets", "kind", "names")
+    table.add_row("IMU", ", ".join(IMU_PRESETS))
+    table.add_row("GPS", ", ".join(GPS_PRESETS))
+    console.print(table)
+    return 0
+
+
+def _safely(name: str) -> tuple[str, dict[str, str]]:
+    """A solver that cannot be loaded must not spoil the list."""
+    try:
+        return registry.describe(name)
+    except ValueError as error:
+        return f"cannot be loaded: {error}", {}
+
+
+def describe(given: Namespace, console: Console) -> int:
+    """Whatever goes by that name; a preset that is both IMU and GPS is shown as both."""
+    name, found = given.name, False
+    if name in TASKS:
+        found = _task(TASKS[name], console)
+    if name in ALIGNMENT_IDS:
+        found = _environment(name, console)
+    for kind, presets in (("IMU", IMU_PRESETS), ("GPS", GPS_PRESETS)):
+        if name in presets:
+            found = _preset(kind, name, presets[name], console)
+    if name in registry.names() or ":" in name:
+        found = _solver(name, console)
+    if not found and (name.endswith(".npz") or Path(name).is_file()):
+        found = _recording(name, console)
+    if not found:
+        everything = [*TASKS, *ALIGNMENT_IDS, *IMU_PRESETS, *GPS_PRESETS, *registry.names()]
+        raise unknown("name", name, everything)
+    if given.allan:
+        _allan(name, given.allan)
+    return 0
+
+
+def _task(task: EvaluationTask, console: Console) -> bool:
+    env = task.make(1)
+    public = env.unwrapped.task  # type: ignore[attr-defined]
+    env.close()
+    table = _table(task.name, "", "")
+    rows = {
+        "what": task.what,
+        "source": task.source,
+        "environment": f"{task.env_id} {dict(task.kwargs)}",
+        "aligned": f"{task.thresholds} until the end, for {task.hold_s:g} s or more",
+        "duration": f"{public.duration_s:g} s ({public.coarse_s:g} s coarse), {public.num_epochs} epochs",
+        "runs": f"up to {task.max_runs}, the windows of the recording"
+        if task.max_runs
+        else "as many as asked for",
+        "suite": f"seed {task.suite_seed}, hash {suite_hash(task)}",
+    }
+    for name, text in rows.items():
+        table.add_row(name, escape(text))
+    console.print(table)
+    _fields("told prior (1 sigma)", public.prior, console)
+    return True
+
+
+def _environment(env_id: str, console: Console) -> bool:
+    cls = _env_class(env_id)
+    console.print(f"[bold]{env_id}[/]  {escape(_summary(cls.__doc__))}\n", highlight=False)
+    module: Any = inspect.getmodule(cls)
+    settings = getattr(module, "ReplaySettings" if "Replay" in env_id else "AlignSettings")
+    for paragraph in (inspect.getdoc(settings) or "").split("\n\n"):
+        if not paragraph.startswith("Raises"):
+            console.print(escape(_prose(paragraph)) + "\n", highlight=False)
+    table = _table("keyword arguments", "name", "default")
+    for field in dataclasses.fields(settings):
+        table.add_row(field.name, escape(repr(field.default)))
+    table.add_row("reveal_truth", "False")
+    table.add_row("render_mode", "None")
+    console.print(table)
+    return True
+
+
+def _fields(title: str, spec: Any, console: Console) -> None:
+    table = _table(title, "field", "value")
+    for field in dataclasses.fields(spec):
+        table.add_row(field.name, _plain(getattr(spec, field.name)))
+    console.print(table)
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(_plain(part) for part in value) or "none"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _preset(kind: str, name: str, spec: Any, console: Console) -> bool:
+    _fields(f"{name}, {kind} preset", spec, console)
+    return True
+
+
+def _solver(name: str, console: Console) -> bool:
+    text, settings = registry.describe(name)
+    console.print(f"[bold]{escape(name)}[/]  {escape(_prose(text) or 'no description')}", highlight=False)
+    if settings:
+        table = _table("settings", "name", "default")
+        for setting, default in settings.items():
+            table.add_row(setting, escape(default))
+        console.print(table)
+    return True
+
+
+def _recording(name: str, console: Console) -> bool:
+    from sins_env import recordings
+
+    recording = recordings.load(name)
+    table = _table(recording.name, "", "")
+    site = recording.site
+    rows = {
+        "samples": f"{len(recording.dtheta)} at {recording.rate_hz:g} Hz",
+        "time": f"{recording.t0:g} to {recording.end:g} s",
+        "site": f"{np.degrees(site.latitude):.6f}, {np.degrees(site.longitude):.6f} deg, {site.height:g} m",
+        "GNSS": "none; a zero-velocity update stands in"
+        if recording.gnss is None
+        else f"{len(recording.gnss.t_s)} fixes",
+        "reference": "none" if recording.reference is None else f"{len(recording.reference.t_s)} attitudes",
+        "missing": f"{int(np.isnan(recording.dtheta[:, 0]).sum())} samples",
+    }
+    for key, text in rows.items():
+        table.add_row(key, text)
+    console.print(table)
+    return True
+
+
+def _allan(name: str, path: str) -> None:
+    """Draw the Allan deviation of an IMU preset or a recording."""
+    from sins_env import figures, recordings
+    from sins_env.evaluation.commands import check_plot, remark
+    from sins_env.evaluation.progress import Bar
+
+    check_plot(path)
+    if name not in IMU_PRESETS and not name.endswith(".npz"):
+        raise ValueError(
+            f"--allan for {name!r}; allowed: an IMU preset ({', '.join(IMU_PRESETS)}) or a recording"
+        )
+    with Bar("Allan deviation"):
+        if name in IMU_PRESETS:
+            figure = figures.allan_figure(IMU_PRESETS[name], name, np.random.default_rng(0))
+        else:
+            figure = figures.allan_figure(recordings.load(name), Path(name).stem)
+    figure.savefig(path, dpi=150)
+    remark(f"figure: {path}")

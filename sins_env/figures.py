@@ -1,0 +1,113 @@
+"""Figures of sensors. Matplotlib's Agg canvas and no pyplot, so that nothing is kept between figures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env.allan import Allan, Budget, allan_deviation, expected_allan
+from sins_env.imu import Imu
+from sins_env.recordings import Recording
+from sins_env.specs import DEG_PER_H, UG, ImuSpec
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+RATE_HZ, DURATION_S = 100.0, 3600.0  #: of the simulated sensor at rest
+_COLORS = ("tab:blue", "tab:orange", "tab:green")
+
+
+def simulate_at_rest(spec: ImuSpec, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Increments of gyros and accelerometers without any input, each (N, 3): errors and nothing else."""
+    imu = Imu(spec, 1.0 / RATE_HZ)
+    imu.reset([rng.spawn(6)])
+    still = np.zeros((1, 1, round(DURATION_S * RATE_HZ), 3))
+    dtheta, dvel = imu.measure(still, still)
+    return dtheta[0, 0], dvel[0, 0]
+
+
+def allan_figure(
+    subject: ImuSpec | Recording,
+    title: str,
+    rng: np.random.Generator | None = None,
+    window: tuple[float, float] | None = None,
+    datasheet: ImuSpec | None = None,
+) -> Figure:
+    """Allan deviation of three gyros and three accelerometers, with 1-sigma bands, against the datasheet.
+
+    A spec is simulated for an hour at rest; ``rng`` is then needed. Of a recording ``window`` (start, length)
+    in s is shown, None for all of it; ``datasheet`` is what its sensors should be, if that is known.
+
+    Raises:
+        ValueError: a spec without a generator, or a window outside the recording or over a gap.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to import, needed only to draw
+    from matplotlib.figure import Figure
+
+    if isinstance(subject, Recording):
+        rate, increments = subject.rate_hz, _cut(subject, window)
+    elif rng is None:
+        raise ValueError("rng is missing; allowed: a numpy Generator, for a simulated sensor")
+    else:
+        rate, increments, datasheet = RATE_HZ, simulate_at_rest(subject, rng), subject
+    figure = Figure(figsize=(11.0, 4.8), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, 2)
+    measured = [allan_deviation(part, 1.0 / rate) for part in increments]
+    budgets: tuple[Budget | None, Budget | None] = (None, None)
+    if datasheet is not None:
+        budgets = expected_allan(datasheet, measured[0].tau, moving=isinstance(subject, Recording))
+    units = (("gyros", "deg/h", DEG_PER_H), ("accelerometers", "ug", UG))
+    for ax, allan, budget, (name, unit, scale) in zip(axes, measured, budgets, units, strict=True):
+        _draw(ax, allan, budget, scale)
+        ax.set(
+            title=name,
+            xlabel="averaging time, s",
+            ylabel=f"Allan deviation, {unit}",
+            xscale="log",
+            yscale="log",
+        )
+        ax.grid(which="both", alpha=0.25)
+    figure.suptitle(title)
+    return figure
+
+
+def _cut(recording: Recording, window: tuple[float, float] | None) -> tuple[Array, Array]:
+    start, length = window or (recording.t0, recording.end - recording.t0)
+    first = round((start - recording.t0) * recording.rate_hz)
+    last = first + round(length * recording.rate_hz)
+    if not 0 <= first < last <= len(recording.dtheta):
+        raise ValueError(f"window = {window!r}; allowed: within {recording.t0:g} to {recording.end:g} s")
+    dtheta, dvel = recording.dtheta[first:last], recording.dvel[first:last]
+    missing = np.flatnonzero(np.isnan(dtheta[:, 0]))
+    if len(missing):
+        at = start + missing[0] / recording.rate_hz
+        raise ValueError(
+            f"{recording.name}: IMU samples are missing from {at:g} s on; allowed: windows without a gap"
+        )
+    return dtheta, dvel
+
+
+def _draw(ax: Axes, allan: Allan, budget: Budget | None, scale: float) -> None:
+    """One panel; what is zero has no place on logarithmic axes and is left out."""
+    if not allan.adev.any():
+        ax.text(0.5, 0.5, "no errors", transform=ax.transAxes, ha="center")
+        return
+    for i, (axis, color) in enumerate(zip(("right", "forward", "up"), _COLORS, strict=True)):
+        adev, error = allan.adev[:, i] / scale, allan.standard_error[:, i] / scale
+        ax.plot(allan.tau, adev, color=color, lw=1.2, label=axis)
+        low = np.maximum(adev - error, 0.1 * adev)
+        ax.fill_between(allan.tau, low, adev + error, color=color, alpha=0.2, lw=0)
+    if budget is not None:
+        parts = (("white noise", "--"), ("Gauss-Markov", "-."), ("pulses", ":"))
+        for part, (name, style) in zip(budget, parts, strict=True):
+            if part.any():
+                ax.plot(allan.tau, part / scale, color="gray", ls=style, lw=1.0, label=name)
+        ax.plot(allan.tau, budget.total / scale, color="black", lw=1.4, label="datasheet", zorder=0)
+    ax.set_ylim(bottom=0.3 * allan.adev.min() / scale)  # parts far below the sum would only stretch the axis
+    ax.legend(fontsize=8)

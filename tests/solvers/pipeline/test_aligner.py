@@ -1,0 +1,162 @@
+"""The aligner: the scored alignment of the house, batches, missing fixes, lever arm, closed loop, bad input."""
+
+import dataclasses
+
+import gymnasium
+import numpy as np
+import pytest
+from scipy import stats
+
+import sins_env  # noqa: F401
+import solvers
+from sins_env.specs import ARCSEC
+
+SWAY = "SINS/AlignSway-v0"
+
+
+def run(solver, runs, seed=1, spoil=None, settings=None, **kwargs):
+    """phi (epochs, runs, 3) rad and the estimator after an episode; ``spoil(k, obs)`` may change observations."""
+    env = gymnasium.make_vec(SWAY, num_envs=runs, **kwargs)
+    obs, _ = env.reset(seed=seed)
+    estimator = solvers.make(solver, **(settings or {}))
+    estimator.reset(env.unwrapped.task, [np.random.default_rng(i) for i in range(runs)], runs)
+    errors, over = [], False
+    while not over:
+        if spoil:
+            spoil(len(errors) + 1, obs)
+        obs, _, _, done, info = env.step(estimator.step(obs))
+        errors.append(info["errors"]["phi"])
+        over = done[0]
+    return np.array(errors), estimator
+
+
+def test_ckf_on_sway_white_reaches_the_information_limit():
+    """100 runs: RMS +-7 % (1 sigma) about 750 arcsec; the NEES of a matched prior in its 99.9 % band."""
+    phi, estimator = run("ckf", 100, seed=7)
+    final = phi[-1] / ARCSEC
+    rms = np.sqrt(np.mean(final**2, axis=0))
+    assert 600 < rms[2] < 950
+    assert np.all(rms[:2] < 27)  # 20.9 from 100 ug, +-1.5
+    P = estimator.covariance()
+    nees = np.sum(phi[-1] * np.linalg.solve(P, phi[-1][..., None])[..., 0], axis=-1)
+    low, high = stats.chi2.ppf([0.0005, 0.9995], 300) / 100
+    assert low < nees.mean() < high
+    assert not estimator.health().repairs.any()
+    assert np.all(estimator.health().failed_at == -1)
+
+
+@pytest.mark.parametrize("solver", ["ekf", "ukf", "ckf"])
+def test_closed_loop_agrees_with_open_loop(solver):
+    """The same filter with and without feedback: a tenth of its sigma (2500 arcsec at 120 s) apart."""
+    open_loop, _ = run(solver, 16, duration=120.0)
+    closed, estimator = run(solver, 16, duration=120.0, settings={"feedback": "closed"})
+    assert np.abs(closed[-1, :, 2] - open_loop[-1, :, 2]).max() < 250 * ARCSEC
+    assert np.abs(closed[-1, :, :2] - open_loop[-1, :, :2]).max() < 1 * ARCSEC
+    assert np.abs(estimator.filter.estimate(estimator._belief).mean[:, :5]).max() < 1e-12  # the INS has it all
+
+
+@pytest.mark.parametrize("kwargs", [{}, {"start": "unknown", "coarse": 20.0}, {"imu": "thesis-markov"}])
+@pytest.mark.parametrize("solver", ["kf", "ekf", "ukf", "ckf"])
+def test_a_batch_is_its_runs(solver, kwargs):
+    phi, _ = run(solver, 3, seed=4, duration=40.0, **kwargs)
+    for i in range(3):
+        env = gymnasium.make(SWAY, duration=40.0, **kwargs)
+        obs, _ = env.reset(seed=4 + i)
+        estimator = solvers.make(solver)
+        estimator.reset(env.unwrapped.task, np.random.default_rng(i))
+        for k in range(400):
+            obs, _, _, _, info = env.step(estimator.step(obs))
+            if "start" not in kwargs:
+                np.testing.assert_allclose(info["errors"]["phi"], phi[k, i], atol=1e-9)
+            elif k > 50:  # the first epochs of a coarse alignment hold no azimuth, only rounding
+                np.testing.assert_allclose(info["errors"]["phi"], phi[k, i], atol=1e-6)
+        assert estimator.covariance().shape == (3, 3)
+
+
+def test_filterpy_adapter_agrees_with_ours():
+    """An independent code on the same model: filterpy's UKF against our ukf and ckf."""
+    env = gymnasium.make(SWAY, duration=20.0)
+    solvers_ = [solvers.make(name) for name in ("ukf", "ckf", "filterpy_ukf")]
+    obs, _ = env.reset(seed=3)
+    for s in solvers_:
+        s.reset(env.unwrapped.task, np.random.default_rng(0))
+    for _ in range(200):
+        a, b, c = (s.step(obs) for s in solvers_)
+        obs, *_ = env.step(a)
+        np.testing.assert_allclose(c, a, atol=1e-8)
+        np.testing.assert_allclose(b, a, atol=1e-10)
+    np.testing.assert_allclose(solvers_[2].covariance(), solvers_[0].covariance(), rtol=1e-5)
+
+
+def test_missing_fixes_of_some_runs():
+    """A run without fixes from 10 s to 20 s gets what it gets alone; the others do not notice."""
+
+    def spoil(k, obs):
+        if 100 < k <= 200:
+            for key in ("gps_vel", "gps_pos", "gps_valid"):
+                obs[key][1] = 0
+
+    phi, _ = run("ckf", 3, spoil=spoil, duration=30.0)
+    clean, _ = run("ckf", 3, duration=30.0)
+    outage, _ = run("ckf", 3, duration=30.0, gps={"outages_s": [[10.0, 20.0]]})
+    np.testing.assert_allclose(phi[:, [0, 2]], clean[:, [0, 2]], atol=1e-9)
+    np.testing.assert_allclose(phi[:, 1], outage[:, 1], atol=1e-9)
+    assert np.abs(phi[150, 1] - clean[150, 1]).max() > 1e-5
+
+
+def test_a_lever_arm_is_taken_into_account():
+    """Told of it, the filter does as well as without one; untold it must not."""
+    runs, duration = 24, 180.0
+    arm = {"lever_arm_m": [1.0, -0.5, 2.0], "vel_std_mps": 0.01}
+
+    def rms(spoil_task):
+        env = gymnasium.make_vec(SWAY, num_envs=runs, duration=duration, gps=arm)
+        obs, _ = env.reset(seed=1)
+        task = env.unwrapped.task
+        if spoil_task:
+            task = dataclasses.replace(task, gps=dataclasses.replace(task.gps, lever_arm_m=(0.0, 0.0, 0.0)))
+        estimator = solvers.make("ckf")
+        estimator.reset(task, [np.random.default_rng(i) for i in range(runs)], runs)
+        over = False
+        while not over:
+            obs, _, _, done, info = env.step(estimator.step(obs))
+            over = done[0]
+        return np.sqrt(np.mean(info["errors"]["phi"] ** 2, axis=0)) / ARCSEC
+
+    without, _ = run("ckf", runs, duration=duration, gps={"vel_std_mps": 0.01})
+    reference = np.sqrt(np.mean(without[-1] ** 2, axis=0)) / ARCSEC
+    told, untold = rms(False), rms(True)
+    assert np.all(told < 1.3 * reference)
+    assert np.all(untold > 2 * told)
+
+
+def test_a_run_with_a_broken_sensor_fails_alone():
+    def spoil(k, obs):
+        if k == 50:
+            obs["dvel"][2, 3] = np.nan
+
+    phi, estimator = run("ckf", 4, spoil=spoil, duration=20.0)
+    clean, _ = run("ckf", 4, duration=20.0)
+    np.testing.assert_array_equal(phi[:, [0, 1, 3]], clean[:, [0, 1, 3]])
+    assert estimator.health().failed_at.tolist() == [-1, -1, 50, -1]
+
+
+def test_vertical_velocity_of_the_ins_stays_with_the_fixes():
+    _, estimator = run("ckf", 4, duration=120.0, misalignment_deg=(3.0, -3.0, 20.0))
+    assert np.abs(estimator._ins.nav.vel[:, 2]).max() < 0.2
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "near"),
+    [
+        ("ckff", {}, "ckf"),
+        ("ckf", {"feedbck": "open"}, "feedback"),
+        ("ckf", {"feedback": "opened"}, "open"),
+        ("ckf", {"coarse": "sdv"}, "svd"),
+        ("coarse_inertial", {"methd": "svd"}, "method"),
+        ("ukf", {"alfa": 1.0}, "alpha"),
+    ],
+)
+def test_wrong_names_offer_the_nearest(name, settings, near):
+    with pytest.raises(ValueError, match=near):
+        solvers.make(name, **settings)

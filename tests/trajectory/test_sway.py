@@ -1,0 +1,230 @@
+"""The oracle differentiates the returned attitude and position; it shares no formula with the simulator."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.integrate import simpson
+from scipy.spatial.transform import Rotation
+from scipy.stats import kstest
+
+from sins_env import attitude, earth
+from sins_env.trajectory import STILL, THESIS, Sway
+from sins_env.types import Site
+
+DEG = np.pi / 180
+SITE = Site(39.96 * DEG, 116.3 * DEG, 0.0)
+WGS84 = earth.get("wgs84")
+VARIANTS = {
+    "thesis": {},
+    "heading": {"heading_deg": None},
+    "random": {"heading_deg": None, "random": True},
+    "thesis-earth": {"earth_model": "thesis"},
+    "south": {"latitude_deg": -60.0},
+}
+
+
+def rngs(runs, seed=0):
+    return np.random.default_rng(seed).spawn(runs)
+
+
+def make(epoch=0.1, n_sub=3, runs=2, seed=0, latitude_deg=39.96, earth_model="wgs84", **options):
+    sway = Sway(Site(latitude_deg * DEG, SITE.longitude, 0.0, earth_model), epoch, n_sub, **options)
+    start = sway.reset(rngs(runs, seed))
+    return sway, start
+
+
+def euler_deg(q):
+    return np.degrees(np.stack(attitude.to_euler(attitude.to_dcm(q)), axis=-1))
+
+
+def test_thesis_numbers():
+    """equations.md S.1, typed anew."""
+    sway, _ = make(runs=1)
+    state = sway.chunk(0, 300).state
+    t = 0.1 * np.arange(1, 301)
+    heading = 30 + 5 * np.cos(2 * np.pi * t / 7 + np.pi / 4)
+    pitch = 7 * np.cos(2 * np.pi * t / 5 + np.pi / 4)
+    roll = 10 * np.cos(2 * np.pi * t / 6 + np.pi / 7)
+    assert_allclose(euler_deg(state.q_nb[0]), np.stack([heading, pitch, roll], axis=-1), atol=1e-11)
+    for axis, (A, T) in enumerate(((0.02, 7), (0.03, 6), (0.03, 8))):
+        w = 2 * np.pi / T
+        basis = np.stack([np.cos(w * t), np.sin(w * t)], axis=-1)
+        coefficients, residual, *_ = np.linalg.lstsq(basis, state.vel[0, :, axis], rcond=None)
+        assert residual[0] < 1e-25
+        assert np.hypot(*coefficients) == pytest.approx(A * w, rel=1e-12)
+
+
+def test_phases_of_the_sway_are_drawn_over_the_circle():
+    _, start = make(runs=800)
+    for axis, (A, T) in enumerate(((0.02, 7), (0.03, 6), (0.03, 8))):
+        phase = np.arccos(start.vel[:, axis] * T / (2 * np.pi * A)) / np.pi
+        assert kstest(phase, "uniform").pvalue > 0.01
+    assert np.abs(np.corrcoef(start.vel.T) - np.eye(3)).max() < 4 / np.sqrt(800)
+
+
+def test_attitude_is_the_same_in_every_run_unless_asked():
+    sway, start = make(runs=3)
+    assert_array_equal(start.q_nb, np.broadcast_to(start.q_nb[:1], (3, 4)))
+    assert len(np.unique(start.vel[:, 0])) == 3
+
+
+def test_heading_none_is_drawn_over_the_circle():
+    _, start = make(runs=800, heading_deg=None)
+    heading = euler_deg(start.q_nb)[:, 0] - np.degrees(5 * DEG * np.cos(np.pi / 4))
+    assert kstest(heading % 360 / 360, "uniform").pvalue > 0.01
+    fixed = euler_deg(make(heading_deg=120.0)[1].q_nb)[:, 0]
+    assert_allclose(fixed, 120 + 5 * np.cos(np.pi / 4))
+
+
+def test_random_motion_scales_amplitudes_and_periods():
+    sway, _ = make(runs=60, random=True, epoch=0.1)
+    angles = euler_deg(sway.chunk(0, 1500).state.q_nb)  # 150 s, at least 15 periods
+    for axis, (amplitude, period) in enumerate(((5, 7), (7, 5), (10, 6))):
+        x = angles[:, :, axis]
+        x = x - 30 if axis == 0 else x
+        size = np.abs(x).max(axis=1) / amplitude
+        assert size.min() > 0.495
+        assert size.max() < 1.505
+        assert np.ptp(size) > 0.7
+        crossings = np.count_nonzero(np.diff(np.sign(x), axis=1), axis=1)
+        ratio = 300 / crossings / period
+        assert ratio.min() > 0.66
+        assert ratio.max() < 1.46
+        assert np.ptp(ratio) > 0.4
+
+
+def test_still_base():
+    sway, start = make(motion=STILL, runs=2)
+    motion = sway.chunk(0, 5)
+    assert_array_equal(motion.state.vel, 0.0)
+    assert_allclose(euler_deg(motion.state.q_nb), np.broadcast_to([30.0, 0.0, 0.0], (2, 5, 3)), atol=1e-13)
+    C = attitude.to_dcm(start.q_nb)[0]
+    rate, force = motion.dtheta[0].sum(axis=(0, 1)) / 0.5, motion.dvel[0].sum(axis=(0, 1)) / 0.5
+    assert_allclose(rate, C.T @ earth.rate_n(WGS84, SITE.latitude), rtol=1e-12, atol=1e-19)
+    assert_allclose(force, C.T @ [0, 0, earth.gravity(WGS84, SITE.latitude)], atol=1e-13)
+
+
+def rates_by_differences(options, t, runs=2):
+    """omega_ib^b and f^b at the times t (T,), by sixth-order differences of attitude and velocity, (runs, T, 3)."""
+    h = 2e-3
+    weights = {1: 45 / 60, 2: -9 / 60, 3: 1 / 60}
+    sway, _ = make(runs=runs, **options)
+    model = earth.get(options.get("earth_model", "wgs84"))
+    latitude = options.get("latitude_deg", 39.96) * DEG
+    at = {k: sway._states(t + k * h)[0] for k in range(-3, 4)}
+    middle = at[0]
+    shape = middle.vel.shape
+
+    def dcm(q):
+        return Rotation.from_quat(q.reshape(-1, 4), scalar_first=True)
+
+    turn = sum(w * ((dcm(middle.q_nb).inv() * dcm(at[k].q_nb)).as_rotvec() -
+                    (dcm(middle.q_nb).inv() * dcm(at[-k].q_nb)).as_rotvec()) for k, w in weights.items()) / h  # fmt: skip
+    accel = sum(w * (at[k].vel - at[-k].vel) for k, w in weights.items()) / h
+    R_M, R_N = earth.radii(model, latitude)
+    v = middle.vel
+    transport = np.stack([-v[..., 1] / R_M, v[..., 0] / R_N, v[..., 0] * np.tan(latitude) / R_N], axis=-1)
+    spin = model.rate * np.array([0.0, np.cos(latitude), np.sin(latitude)])
+    to_body = np.swapaxes(dcm(middle.q_nb).as_matrix().reshape(*shape, 3), -1, -2)
+    rate = turn.reshape(shape) + (to_body @ (spin + transport)[..., None])[..., 0]
+    force = accel + np.cross(2 * spin, v) + [0.0, 0.0, float(earth.gravity(model, latitude))]
+    return rate, (to_body @ force[..., None])[..., 0]
+
+
+@pytest.mark.parametrize("options", VARIANTS.values(), ids=VARIANTS)
+def test_increments_are_integrals_of_the_differentiated_motion(options):
+    sway, _ = make(**options)
+    motion = sway.chunk(30, 2)
+    nodes = np.linspace(3.0, 3.2, 6 * 16 + 1)
+    rate, force = rates_by_differences(options, nodes)
+    for found, density, atol in ((motion.dtheta, rate, 3e-12), (motion.dvel, force, 1e-11)):
+        pieces = [simpson(density[:, 16 * i : 16 * i + 17], x=nodes[16 * i : 16 * i + 17], axis=1) for i in range(6)]
+        assert_allclose(found.reshape(2, 6, 3), np.stack(pieces, axis=1), rtol=0, atol=atol)
+
+
+def test_velocity_is_the_derivative_of_position():
+    sway, _ = make(runs=3, heading_deg=None)
+    t, h = np.linspace(1.0, 5.0, 9), 1e-3
+    before, after, state = (sway._states(t + s * h)[0] for s in (-1, 1, 0))
+    R_M, R_N = earth.radii(WGS84, SITE.latitude)
+    d = (after.pos - before.pos) / (2 * h) * [R_M, R_N * np.cos(SITE.latitude), 1.0]
+    assert_allclose(d[..., [1, 0, 2]], state.vel, atol=2e-6)
+
+
+def test_rate_for_the_lever_arm():
+    sway, _ = make(runs=2)
+    motion = sway.chunk(0, 20)
+    rate, _ = rates_by_differences({}, 0.1 * np.arange(1, 21))
+    C = attitude.to_dcm(motion.state.q_nb)
+    spin = np.swapaxes(C, -1, -2) @ earth.rate_n(WGS84, SITE.latitude)
+    assert_allclose(motion.rate_eb_b, rate - spin, atol=1e-11)
+
+
+@pytest.mark.parametrize("n_sub", [30, 10, 3, 1])
+def test_vibration_does_not_alias(n_sub):
+    """4.8 g at 300 Hz sampled at 300 Hz would be a constant 4.8 g; the increments are the fine integral."""
+    sway, _ = make(epoch=0.1, n_sub=n_sub, runs=1, seed=3, vibration=True)
+    quiet, _ = make(epoch=0.1, n_sub=n_sub, runs=1, seed=3)
+    motion, still = sway.chunk(0, 10), quiet.chunk(0, 10)
+    per_sample = 6000 // n_sub
+    t = np.linspace(0.0, 0.1, 6001)
+    state, _ = sway._states(t)
+    omega, speed, phase = sway._omega[3:], sway._speed[3:], sway._phase[0, 3:]
+    assert_allclose(omega, 2 * np.pi * np.array([300.0, 250.0, 400.0]))
+    assert_allclose(speed * omega / 9.80665, [4.8, 3.8, 4.0])
+    accel = -omega * speed * np.sin(omega * t[:, None] + phase)
+    C = attitude.to_dcm(state.q_nb[0])
+    spin = earth.rate_n(WGS84, SITE.latitude)
+    extra = accel + np.cross(2 * spin, speed * np.cos(omega * t[:, None] + phase))
+    extra = (np.swapaxes(C, -1, -2) @ extra[..., None])[..., 0]
+    steps = [slice(per_sample * i, per_sample * (i + 1) + 1) for i in range(n_sub)]
+    expected = np.stack([simpson(extra[s], x=t[s], axis=0) for s in steps])
+    assert_allclose((motion.dvel - still.dvel)[0, 0], expected, rtol=0, atol=2e-8)
+    assert n_sub < 30 or np.abs(motion.dvel - still.dvel).max() > 5e-3  # 4.0 g over half a period is there
+    drift = np.abs((motion.dvel - still.dvel).sum(axis=(0, 1, 2)))
+    assert drift.max() < 0.06  # m/s in 1 s; aliased it would be tens
+    assert np.abs(motion.dtheta - still.dtheta).max() < 1e-11
+
+
+def test_vibration_in_the_velocity_is_the_integral_of_the_increments():
+    sway, start = make(epoch=0.05, n_sub=15, runs=2, vibration=True, motion=STILL)
+    motion = sway.chunk(0, 4)
+    total = motion.dvel.sum(axis=2).cumsum(axis=1)
+    C = attitude.to_dcm(start.q_nb)[:, None]
+    g = earth.gravity(WGS84, SITE.latitude) * 0.05 * np.arange(1, 5)
+    gained = (C @ total[..., None])[..., 0] - np.stack([0 * g, 0 * g, g], axis=-1)
+    assert_allclose(gained, motion.state.vel - start.vel[:, None], atol=1e-6)  # Coriolis of 0.01 m/s
+
+
+@pytest.mark.parametrize("options", [{}, {"vibration": True}, {"random": True, "heading_deg": None}], ids=str)
+def test_chunks_and_neighbours_do_not_matter(options):
+    whole, _ = make(runs=3, **options)
+    expected = whole.chunk(0, 12)
+    alone = Sway(SITE, 0.1, 3, **options)
+    alone.reset(rngs(3)[2:])
+    parts = [alone.chunk(first, count) for first, count in ((0, 5), (5, 1), (6, 6))]
+    for found, wanted in zip(zip(*(p[:2] for p in parts), strict=True), expected[:2], strict=True):
+        assert_allclose(np.concatenate(found, axis=1)[0], wanted[2], rtol=0, atol=1e-14)
+    q = np.concatenate([p.state.q_nb for p in parts], axis=1)[0]
+    assert_allclose(q, expected.state.q_nb[2], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("options", [{}, {"random": True}], ids=["thesis", "random"])
+def test_memory_is_that_of_a_chunk(options):
+    sway, _ = make(n_sub=30, runs=16, **options)
+    sway.chunk(0, 10)
+    tracemalloc.start()
+    for first in range(0, 100, 10):
+        sway.chunk(first, 10)
+    late = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert late < 40e6  # bytes; one chunk's increments are 0.23 MB, the integrals of 16 random runs 30 MB
+
+
+def test_options_leave_the_other_draws_as_they_were():
+    plain, other = make()[1], make(vibration=True, heading_deg=None)[0]
+    assert_array_equal(other._phase[:, :3], make()[0]._phase)
+    assert plain.vel.shape == (2, 3)
+    assert THESIS.sway_m == (0.02, 0.03, 0.03)
