@@ -31,12 +31,14 @@ _RIGHT = np.ascontiguousarray(_LEFT.reshape(4, 4, 4).transpose(2, 1, 0)).reshape
 
 
 def _dcm_table() -> Array:
-    """T (16, 9) with (q q').ravel() T = C(q).ravel()."""
+    """T (16, 9) with (q q').ravel() T = (C(q) - I).ravel() for unit q.
+
+    No column has more than two terms, so that a product's bits do not hang on the order in which BLAS adds them.
+    """
     table = np.zeros((4, 4, 3, 3))
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        for m in range(4):
-            table[m, m, i, i] = 1.0 if m in (0, i + 1) else -1.0
+        table[j + 1, j + 1, i, i] = table[k + 1, k + 1, i, i] = -2.0
         table[j + 1, k + 1, j, k] += 2.0
         table[j + 1, k + 1, k, j] += 2.0
         table[0, i + 1, k, j] += 2.0
@@ -45,6 +47,10 @@ def _dcm_table() -> Array:
 
 
 _DCM = _dcm_table()
+_SKEW = np.zeros((3, 9))
+_SKEW[[2, 1, 0], [1, 2, 5]] = -1.0, 1.0, -1.0
+_SKEW[[2, 1, 0], [3, 6, 7]] = 1.0, -1.0, 1.0
+_UNIT = np.eye(3).ravel()
 
 
 def left_matrix(q: Array) -> Array:
@@ -67,13 +73,16 @@ def conjugate(q: Array) -> Array:
 
 
 def normalize(q: Array) -> Array:
-    return q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
+    return q / np.sqrt(np.add.reduce(q * q, axis=-1, keepdims=True))
 
 
 def from_rotvec(rotvec: Array) -> Array:
     """q of a rotation vector in rad, (..., 3) -> (..., 4). equations.md A.3."""
-    half = 0.5 * np.sqrt(np.sum(rotvec * rotvec, axis=-1, keepdims=True))
-    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * rotvec], axis=-1)
+    half = 0.5 * np.sqrt(np.add.reduce(rotvec * rotvec, axis=-1, keepdims=True))
+    q = np.empty((*rotvec.shape[:-1], 4))
+    np.cos(half, out=q[..., :1])
+    np.multiply(0.5 * np.sinc(half * (1 / np.pi)), rotvec, out=q[..., 1:])
+    return q
 
 
 def rotation_angle(q: Array) -> Array:
@@ -95,7 +104,7 @@ def slerp(q0: Array, q1: Array, w: Array) -> Array:
 def to_dcm(q: Array) -> Array:
     """C_nb (..., 3, 3) of unit q_nb. (2.2.11)."""
     outer = (q[..., :, None] * q[..., None, :]).reshape(*q.shape[:-1], 16)
-    return (outer @ _DCM).reshape(*q.shape[:-1], 3, 3)
+    return (outer @ _DCM + _UNIT).reshape(*q.shape[:-1], 3, 3)
 
 
 def from_dcm(C: Array) -> Array:
@@ -118,17 +127,13 @@ def from_dcm(C: Array) -> Array:
 
 def from_euler(heading: Array | float, pitch: Array | float, roll: Array | float) -> Array:
     """q_nb of heading (clockwise), pitch, roll in rad: Rz(-heading) Rx(pitch) Ry(roll). (2.2.6-8)."""
-    h, p, r = np.broadcast_arrays(-0.5 * np.asarray(heading), 0.5 * np.asarray(pitch), 0.5 * np.asarray(roll))
+    h, p, r = -0.5 * np.asarray(heading), 0.5 * np.asarray(pitch), 0.5 * np.asarray(roll)
     ch, sh, cp, sp, cr, sr = np.cos(h), np.sin(h), np.cos(p), np.sin(p), np.cos(r), np.sin(r)
-    return np.stack(
-        [
-            ch * cp * cr - sh * sp * sr,
-            ch * sp * cr - sh * cp * sr,
-            ch * cp * sr + sh * sp * cr,
-            ch * sp * sr + sh * cp * cr,
-        ],
-        axis=-1,
-    )
+    q = np.empty((*np.broadcast_shapes(h.shape, p.shape, r.shape), 4))
+    cpcr, spsr, spcr, cpsr = cp * cr, sp * sr, sp * cr, cp * sr
+    q[..., 0], q[..., 1] = ch * cpcr - sh * spsr, ch * spcr - sh * cpsr
+    q[..., 2], q[..., 3] = ch * cpsr + sh * spcr, ch * spsr + sh * cpcr
+    return q
 
 
 def to_euler(C: Array) -> tuple[Array, Array, Array]:
@@ -150,10 +155,7 @@ def wrap(angle: Array) -> Array:
 
 def skew(v: Array) -> Array:
     """(..., 3, 3) with skew(v) @ u = v x u."""
-    out = np.zeros((*v.shape[:-1], 3, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
-    return out
+    return (v @ _SKEW).reshape(*v.shape, 3)
 
 
 def misalignment_rows(phi: Array) -> tuple[Array, Array, Array]:
@@ -166,10 +168,13 @@ def misalignment_rows(phi: Array) -> tuple[Array, Array, Array]:
     sx, sy, sz = s
     cx, cy, cz = c
     C = np.empty((3, *phi.shape))
-    sxsz, sxcz = sx * sz, sx * cz
-    C[0, 0], C[0, 1], C[0, 2] = cy * cz - sy * sxsz, cy * sz + sy * sxcz, -sy * cx
+    # rows of R_E R_U first, then R_N mixes the first and the last
     C[1, 0], C[1, 1], C[1, 2] = -cx * sz, cx * cz, sx
-    C[2, 0], C[2, 1], C[2, 2] = sy * cz + cy * sxsz, sy * sz - cy * sxcz, cy * cx
+    turned = np.empty((2, 3, *phi.shape[1:]))
+    turned[0, 0], turned[0, 1], turned[0, 2] = cz, sz, 0.0
+    turned[1, 0], turned[1, 1], turned[1, 2] = sx * sz, -sx * cz, cx
+    C[0] = cy * turned[0] - sy * turned[1]
+    C[2] = sy * turned[0] + cy * turned[1]
     return C, s, c
 
 
@@ -179,9 +184,14 @@ def misalignment_dcm(phi: Array) -> Array:
     return np.ascontiguousarray(np.moveaxis(C, (0, 1), (-2, -1)))
 
 
+def correction_quaternion(phi: Array) -> Array:
+    """The quaternion (..., 4) of C_n^c(phi)' = Rz(phi_U) Rx(phi_E) Ry(phi_N), which takes the misalignment away."""
+    return from_euler(-phi[..., 2], phi[..., 0], phi[..., 1])
+
+
 def misalignment_quaternion(phi: Array) -> Array:
-    """The quaternion (..., 4) of C_n^c(phi), whose transpose is Rz(phi_U) Rx(phi_E) Ry(phi_N)."""
-    return conjugate(from_euler(-phi[..., 2], phi[..., 0], phi[..., 1]))
+    """The quaternion (..., 4) of C_n^c(phi)."""
+    return conjugate(correction_quaternion(phi))
 
 
 def misalignment_from_dcm(C: Array) -> Array:

@@ -131,10 +131,12 @@ class _File:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            with np.load(path, allow_pickle=False) as data:
+            with path.open("rb") as stream:  # np.load leaves a file that it opened itself open on failure
+                data = np.load(stream, allow_pickle=False)
                 if not isinstance(data, np.lib.npyio.NpzFile):
                     raise ValueError("one bare array")
-                self.arrays = {key: data[key] for key in data.files}
+                with data:
+                    self.arrays = {key: data[key] for key in data.files}
         except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as error:
             raise ValueError(f"{path}: not a readable NPZ archive, or a truncated one ({error})") from error
 

@@ -32,7 +32,8 @@ PPM = 1e-6
 def _check_not_negative(spec: Any, names: tuple[str, ...]) -> None:
     for name in names:
         value = getattr(spec, name)
-        if not np.all(np.isfinite(value)) or np.any(np.asarray(value) < 0):
+        number = np.asarray(value)
+        if number.dtype.kind not in "iuf" or not np.all(np.isfinite(number)) or np.any(number < 0):
             raise ValueError(f"{type(spec).__name__}.{name} = {value!r}; allowed: finite and not negative")
 
 
@@ -100,7 +101,8 @@ class GpsSpec:
             if isinstance(value, (list, tuple, np.ndarray)):
                 object.__setattr__(self, name, tuple(float(v) for v in value))
         object.__setattr__(self, "outages_s", tuple((float(a), float(b)) for a, b in self.outages_s))
-        _check_not_negative(self, ("vel_std_mps", "pos_std_m", "contamination_factor", "heavy_tail_dof", "jump_s"))
+        plain = {f.name for f in fields(self)} - {"lever_arm_m", "outages_s"}
+        _check_not_negative(self, tuple(sorted(plain)))
         for name in ("vel_std_mps", "pos_std_m"):
             if np.size(getattr(self, name)) not in (1, 3):
                 raise ValueError(f"GpsSpec.{name} = {getattr(self, name)!r}; allowed: one number or three (E, N, U)")

@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from sins_env.imu import GaussMarkov, Imu, standard_normal
 from sins_env.specs import ARCSEC, DEG_PER_H, PPM, UG, ImuSpec
 
-TACTICAL_LIKE = ImuSpec(
+EVERYTHING = ImuSpec(
     gyro_bias_deg_h=1.0,
     arw_deg_sqrt_h=0.1,
     gyro_markov_deg_h=0.3,
@@ -18,6 +18,9 @@ TACTICAL_LIKE = ImuSpec(
     misalignment_arcsec=60.0,
     gyro_lsb_arcsec=0.1,
     accel_lsb_mps=1e-3,
+)
+PLAIN_ACCEL = ImuSpec(
+    gyro_bias_deg_h=1.0, arw_deg_sqrt_h=0.1, gyro_markov_deg_h=0.3, gyro_lsb_arcsec=0.1, vrw_ug_sqrt_hz=50.0
 )
 
 
@@ -67,7 +70,9 @@ def test_gauss_markov_driving_noise_has_the_exact_variance():
     std_within(drive, np.sqrt(1 - np.exp(-2 * dt / T)), drive.size)
 
 
-@pytest.mark.parametrize("spec", [TACTICAL_LIKE, ImuSpec(arw_deg_sqrt_h=0.01), ImuSpec()], ids=["all", "white", "none"])
+@pytest.mark.parametrize(
+    "spec", [EVERYTHING, ImuSpec(arw_deg_sqrt_h=0.01), ImuSpec()], ids=["all", "white", "none"]
+)
 def test_errors_do_not_depend_on_chunks(spec):
     true = np.random.default_rng(5).standard_normal((2, 2, 60, 3, 3)) * [[[[1e-3]]], [[[0.03]]]]
     whole = Imu(spec, 0.01)
@@ -83,7 +88,7 @@ def test_errors_do_not_depend_on_chunks(spec):
 
 def test_a_run_does_not_depend_on_its_neighbours():
     true = np.full((5, 4, 3, 3), 1e-3)
-    batch, alone = Imu(TACTICAL_LIKE, 0.01), Imu(TACTICAL_LIKE, 0.01)
+    batch, alone = Imu(EVERYTHING, 0.01), Imu(EVERYTHING, 0.01)
     batch.reset(streams(5))
     alone.reset(streams(5)[3:4])
     expected, found = batch.measure(true, true), alone.measure(true[:1], true[:1])
@@ -156,16 +161,11 @@ def test_quantisation_carries_its_remainder(motion):
 
 
 def test_gyro_settings_leave_the_accelerometers_as_they_were():
-    plain, other = Imu(ImuSpec(vrw_ug_sqrt_hz=50.0), 0.01), Imu(TACTICAL_LIKE_WITH_PLAIN_ACCEL, 0.01)
+    plain, other = Imu(ImuSpec(vrw_ug_sqrt_hz=50.0), 0.01), Imu(PLAIN_ACCEL, 0.01)
     plain.reset(streams(2))
     other.reset(streams(2))
     still = np.zeros((2, 4, 3, 3))
     assert_array_equal(plain.measure(still, still)[1], other.measure(still, still)[1])
-
-
-TACTICAL_LIKE_WITH_PLAIN_ACCEL = ImuSpec(
-    gyro_bias_deg_h=1.0, arw_deg_sqrt_h=0.1, gyro_markov_deg_h=0.3, gyro_lsb_arcsec=0.1, vrw_ug_sqrt_hz=50.0
-)
 
 
 def test_standard_normal_needs_no_common_stream():

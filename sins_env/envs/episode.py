@@ -26,12 +26,13 @@ def score_attitude(action: Array, truth: Array) -> tuple[Array, Array, NDArray[n
 
     The action is normalised. A non-finite or zero-norm one is a failed epoch with the worst errors and reward.
     """
-    norm = np.sqrt(np.sum(action * action, axis=-1))
-    failed = ~(np.isfinite(norm) & (norm > 0))
+    size = np.max(np.abs(action), axis=-1)
+    failed = ~(np.isfinite(size) & (size > 0))
     if failed.any():
         identity = np.array([1.0, 0.0, 0.0, 0.0])
-        action, norm = np.where(failed[:, None], identity, action), np.where(failed, 1.0, norm)
-    error = attitude.multiply(action / norm[:, None], attitude.conjugate(truth))
+        action, size = np.where(failed[:, None], identity, action), np.where(failed, 1.0, size)
+    q = attitude.normalize(action / size[:, None])  # scaled first: squares of huge or tiny numbers leave the range
+    error = attitude.multiply(q, attitude.conjugate(truth))
     phi = attitude.misalignment_from_dcm(attitude.to_dcm(error))
     reward = -np.degrees(attitude.rotation_angle(error))
     if failed.any():
@@ -47,7 +48,7 @@ class Episode:
             raise ValueError("reveal_truth = True; allowed: False, this recording has no reference")
         self.world, self.reveal_truth = world, reveal_truth
         self.task: Task = world.task
-        self.started = False
+        self.k, self.started = 0, False
 
     def reset(
         self, rngs: Sequence[np.random.Generator], options: dict[str, Any] | None, squeeze: bool = False

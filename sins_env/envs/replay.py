@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sins_env import attitude, recordings
 from sins_env.envs.align import AlignEnv, AlignVectorEnv
-from sins_env.envs.settings import STARTS, check_misalignment
+from sins_env.envs.settings import STARTS, check_misalignment, check_number
 from sins_env.envs.windows import Windows
 from sins_env.envs.world import ChunkedWorld, World, told_start
 from sins_env.errors import build, unknown
@@ -77,6 +77,9 @@ class ReplaySettings:
         for kind, given, allowed in choices:
             if given not in allowed:
                 raise unknown(kind, given, allowed)
+        for name in ("epoch", "n_sub", "coarse", "stride"):
+            if getattr(self, name) is not None:
+                check_number(name, getattr(self, name))
         if not self.recording:
             raise ValueError("recording is missing; allowed: the path of an NPZ recording")
         set_ = object.__setattr__

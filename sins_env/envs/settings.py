@@ -58,13 +58,20 @@ class AlignSettings:
                 raise unknown(kind, given, allowed)
         told = self.start == "told"
         set_ = object.__setattr__
+        for name in ("epoch", "n_sub", "latitude_deg"):
+            check_number(name, getattr(self, name))
+        for name in ("duration", "coarse", "heading_deg"):
+            if getattr(self, name) is not None:
+                check_number(name, getattr(self, name))
+        if not isinstance(self.vibration, bool):
+            raise ValueError(f"vibration = {self.vibration!r}; allowed: True or False")
         if self.coarse is None:
             set_(self, "coarse", 0.0 if told else 120.0)
         if self.duration is None:
             set_(self, "duration", 360.0 + self.coarse_s)
         if told and self.coarse:
             raise ValueError(f"coarse = {self.coarse!r} with start = 'told'; allowed: 0, a told start needs no coarse phase")
-        if isinstance(self.n_sub, bool) or self.n_sub != int(self.n_sub) or self.n_sub < 1:
+        if self.n_sub % 1 or self.n_sub < 1:
             raise ValueError(f"n_sub = {self.n_sub!r}; allowed: a whole number of IMU samples per epoch, at least 1")
         check_timing(self.epoch, self.duration_s, self.coarse_s)
         earth.check_latitude(math.radians(self.latitude_deg))
@@ -111,6 +118,16 @@ class AlignSettings:
             gps=self.gps_true.told(prior.gps_vel_std_mps if self.prior == "thesis" else None),
             prior=prior,
         )
+
+
+def check_number(name: str, value: Any) -> None:
+    """Settings come from command lines and JSON, where a number may arrive as a string.
+
+    Raises:
+        ValueError: not a real number.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise ValueError(f"{name} = {value!r}; allowed: a number")
 
 
 def check_misalignment(given: Any, start: str) -> tuple[float, ...] | None:

@@ -9,9 +9,10 @@ from sins_env.evaluation.episode import Course, run_episode
 from sins_env.evaluation.metrics import Summary
 from sins_env.evaluation.monte_carlo import Results, evaluate
 from sins_env.evaluation.scoring import Records
-from sins_env.evaluation.tasks import EvaluationTask, digest, get_task, tasks
+from sins_env.evaluation.tasks import TASKS, EvaluationTask, digest, get_task
 
 __all__ = [
+    "TASKS",
     "Check",
     "Course",
     "EvaluationTask",
@@ -23,5 +24,4 @@ __all__ = [
     "evaluate",
     "get_task",
     "run_episode",
-    "tasks",
 ]

@@ -54,11 +54,14 @@ def number(value: float, digits: int = 3) -> str:
     return f"{value:,.{decimals}f}"
 
 
-def interval(ci: Interval) -> str:
-    """'620–1,020'; empty where there is none, or nothing to enclose."""
-    if math.isnan(ci[0]) or math.isinf(ci[0]):
-        return ""
-    return f"{number(ci[0])}–{number(ci[1])}"
+def seconds(value: float) -> str:
+    """Whole seconds, tenths below ten."""
+    return number(value) if math.isinf(value) else f"{value:.{0 if value >= 10 else 1}f}"
+
+
+def seconds_interval(ci: Interval) -> str:
+    """'115–147'; empty where there is nothing to enclose."""
+    return "" if math.isinf(ci[0]) or ci[0] == ci[1] else f"{seconds(ci[0])}–{seconds(ci[1])}"
 
 
 def angle(arcsec: float) -> str:
@@ -88,19 +91,21 @@ def table(results: Sequence[Results]) -> RenderableType:
     """One task's solvers for the terminal: a value, and its 95 % interval on the line below."""
     task, lines = results[0].task, ranked(results)
     summaries = [one.summary for _, one in lines]
-    spread = bool(task.windows)
+    spread, nees = bool(task.windows), any(s.nees for s in summaries)
     out = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), collapse_padding=True)
     title = Text.assemble((task.name, "bold"), f"  {task.what}")
-    for name, justify in _HEADINGS + ((("heading\nspread, deg", "right"),) if spread else ()):
+    for name, justify in _HEADINGS + ((("heading\nspread, °", "right"),) if spread else ()):
+        if name.startswith("NEES") and not nees:
+            continue
         out.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
     for (rank, one), s in zip(lines, summaries, strict=True):
         cells: list[RenderableType] = [
             Text(str(rank), style="bold green" if rank == 1 else ""),
             _label(one, rank),
             _success(s),
-            _stacked(number(s.t_conv_median_s), interval(s.t_conv_ci_s)),
+            _stacked(seconds(s.t_conv_median_s), seconds_interval(s.t_conv_ci_s)),
             *(_stacked(angle(s.rms[axis]), angle_interval(s.rms_ci[axis])) for axis in "UEN"),
-            _nees(s),
+            *([_nees(s)] if nees else []),
             Text(failure_text(s).replace(", ", "\n"), style="red" if s.failures else "dim"),
             number(one.cost.ratio, 2) if one.cost and one.cost.ratio is not None else "-",
         ]
@@ -123,7 +128,10 @@ _HEADINGS: tuple[tuple[str, str], ...] = (
 
 
 def _label(one: Results, rank: int) -> Text:
-    text = Text(one.solver, style="bold" if rank == 1 else "")
+    module, _, name = one.solver.rpartition(":")
+    text = Text(name, style="bold" if rank == 1 else "")
+    if module:
+        text.append(f"\n{module}", style="dim")
     return text.append("".join(f"\n{name}={v}" for name, v in sorted(one.settings.items())), style="dim")
 
 
@@ -240,7 +248,7 @@ def as_markdown(results: Iterable[Results]) -> str:
         for rank, one in lines:
             s = one.summary
             cells = [str(rank), one.label, str(s.runs), f"{100 * s.success:.0f} %"]
-            cells += [_inline(number(s.t_conv_median_s), interval(s.t_conv_ci_s))]
+            cells += [_inline(seconds(s.t_conv_median_s), seconds_interval(s.t_conv_ci_s))]
             cells += [_inline(angle(s.rms[axis]), angle_interval(s.rms_ci[axis])) for axis in "UEN"]
             text, inside = nees_text(s)
             cells += [text + (" (outside)" if inside is False else ""), failure_text(s)]

@@ -117,7 +117,7 @@ def consistency(records: Records) -> tuple[Nees, ...]:
     return tuple(out)
 
 
-def success_profile(records: Records, points: int = 60) -> tuple[Array, Array, Array, Array]:
+def success_profile(records: Records, points: int = 80) -> tuple[Array, Array, Array, Array]:
     """Success against the threshold: azimuth deltas, success, level deltas, success; deltas (points,) rad.
 
     A run succeeds at delta if the largest error of its last hold_s is within delta, so no ranking hangs on
@@ -128,7 +128,7 @@ def success_profile(records: Records, points: int = 60) -> tuple[Array, Array, A
         (records.hold_max[:, 2], records.criteria.delta[2]),
         (records.hold_max[:, :2].max(axis=1), records.criteria.delta[0]),
     ):
-        deltas = delta * np.geomspace(0.1, 10.0, points)
+        deltas = delta * np.geomspace(0.03, 10.0, points)
         out += [deltas, (largest[:, None] <= deltas).mean(axis=0)]
     return out[0], out[1], out[2], out[3]
 

@@ -67,10 +67,12 @@ def error_figure(results: Sequence[Results]) -> Figure:
     groups = list(by_task(results).values())
     figure = _new(13.0, 4.3 * len(groups) + 0.5)
     parts = figure.subfigures(len(groups), 1, squeeze=False)[:, 0]
+    colours = {label: i for i, label in enumerate(dict.fromkeys(one.label for one in results))}
     for part, group in zip(parts, groups, strict=True):
         lines = [one for _, one in ranked(group)]
         azimuth, level, profile = part.subplots(1, 3)
-        for i, one in enumerate(lines):
+        for one in lines:
+            i = colours[one.label]  # a solver looks the same in every task
             t = one.records.criteria.history_t
             _band(azimuth, t, one.records.history[:, :, 2:], DEG, one.label, i)
             _band(level, t, one.records.history[:, :, :2], ARCSEC, one.label, i)

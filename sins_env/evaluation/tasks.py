@@ -119,14 +119,14 @@ def digest(task: EvaluationTask) -> str:
     """
     env = task.make(2)
     obs, info = task.reset(env, (0, 1))
-    fields: dict[str, list[Array]] = {name: [] for name in sorted(obs)}
+    fields: dict[str, list[Array]] = {name: [info["start"][name]] for name in ("q_nb", "vel", "pos")}
+    fields |= {name: [] for name in (*sorted(obs), "phi")}
     for _ in range(DIGEST_EPOCHS):
-        for name, parts in fields.items():
-            parts.append(np.asarray(obs[name], dtype=np.float64))
+        for name, value in obs.items():
+            fields[name].append(np.asarray(value, dtype=np.float64))
         obs, _, _, _, step = env.step(info["start"]["q_nb"])
-        fields.setdefault("phi", []).append(step["errors"]["phi"])
+        fields["phi"].append(step["errors"]["phi"])
     env.close()
-    fields.update({name: [info["start"][name]] for name in ("q_nb", "vel", "pos")})
     lines = []
     for name, parts in fields.items():
         values = np.concatenate([part.ravel() for part in parts])
@@ -214,7 +214,7 @@ _TASKS = (
 TASKS: dict[str, EvaluationTask] = {task.name: task for task in _TASKS}
 
 
-def tasks() -> list[str]:
+def names() -> list[str]:
     """The names of all tasks."""
     return list(TASKS)
 

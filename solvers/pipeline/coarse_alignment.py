@@ -104,12 +104,12 @@ class CoarseAlignment:
         return self._vel @ C_n_i.T + self._swept
 
     def _add_window(self, v_i: Array) -> None:
-        """The pair of differences across the window; before one is full, the pair since the start, at a hundredth of its weight."""
+        """The pair of differences across the window; before one is full, the pair since the start, at 1e-4 of its weight."""
         assert self._ring is not None
         slot = self._k % self._lag
         full = self._k > self._lag
-        d_b = self._v_b - self._ring[0, slot] if full else 0.1 * self._v_b
-        d_i = v_i - self._ring[1, slot] if full else 0.1 * v_i
+        d_b = self._v_b - self._ring[0, slot] if full else 0.01 * self._v_b
+        d_i = v_i - self._ring[1, slot] if full else 0.01 * v_i
         self._profile = self._profile + d_b[..., :, None] * d_i[..., None, :]
         self._ring[0, slot], self._ring[1, slot] = self._v_b, v_i
 

@@ -8,8 +8,8 @@ The default is the exact large-angle model: with every hatted quantity from the 
     phi' = C_w^-1 [(I - C) omega_in + C d_omega_en - C_hat eps]
     dV'  = (I - C') f + C' C_hat nabla - (2 omega_ie + omega_en) x dV - d_omega_en x (V - dV),   rows E and N.
 
-``model="thesis"`` takes C to first order in the tilt and C_w = I, as (2.3.4) and (2.3.19) do (for comparison: it biases the
-azimuth by 3300 arcsec at 1 deg of tilt). ``bias_frame="nav"`` takes the biases as constant in n, as the thesis does.
+``model="thesis"`` takes C to first order in the tilt and C_w = I, as (2.3.4) and (2.3.19) do (for comparison: 1 deg of
+tilt then biases the azimuth by 270 arcsec after 360 s). ``bias_frame="nav"`` takes the biases as constant in n, as the thesis does.
 
 The epoch map integrates with the INS's own integrals of specific force and attitude and evaluates C once: its change
 within the epoch enters the velocity as C_mid' u = C' (u + r x u / 2), r being the rotation of c against n. That is second
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from sins_env import attitude
 from sins_env.errors import unknown
 from sins_env.specs import DEG_PER_H, G0, Prior
-from solvers.pipeline.strapdown import EpochMotion, cross_planes
+from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Gaussian, Linear, Measurement, Transition
 
 Array = NDArray[np.float64]
@@ -54,65 +54,74 @@ def first_order_rows(phi: Array) -> Array:
     return C
 
 
+def _front(a: Array, axes: int = 1) -> Array:
+    """The last ``axes`` axes in front, and an axis for points behind: (*batch, 3) -> (3, *batch, 1)."""
+    n = a.ndim - axes
+    return a.transpose(*range(n, a.ndim), *range(n))[..., None]
+
+
 class EpochMap:
-    """x -> x after the epoch; takes (*batch, 10) and, for sigma points, (*batch, points, 10)."""
+    """x -> x after the epoch; takes (*batch, 10) and, for sigma points, (*batch, points, 10).
+
+    Inside, components stand in front: planes over runs and points are what NumPy is fast on.
+    """
 
     def __init__(self, motion: EpochMotion, exact: bool, body_biases: bool) -> None:
-        self._exact = exact
-        self._batch_ndim = motion.dvel_n.ndim - 1
         h = motion.dt
-        front = np.moveaxis
-        C = front(motion.C, (-2, -1), (0, 1)) if body_biases else np.eye(3).reshape(3, 3, *(1,) * self._batch_ndim)
-        self._accel, self._gyro = (h * ACCEL_UNIT) * C[:, :2], (h * GYRO_UNIT) * C
-        self._force = front(motion.dvel_n, -1, 0)
-        self._turn = front(h * (motion.rate_ie + motion.rate_en), -1, 0)
-        self._vel = front(motion.vel, -1, 0)
-        self._coriolis = h * (2 * motion.rate_ie + motion.rate_en)[..., 2]
-        transport = h * motion.transport
-        self._transport = (transport[..., 0, 1], transport[..., 1, 0], transport[..., 2, 0])
+        self._exact, self._ndim = exact, motion.dvel_n.ndim
+        C = h * (_front(motion.C, 2) if body_biases else np.eye(3).reshape(3, 3, *(1,) * self._ndim))
+        self._accel, self._gyro = ACCEL_UNIT * C[:, :2], GYRO_UNIT * C
+        self._force = _front(motion.dvel_n)
+        self._turn = _front(h * (motion.rate_ie + motion.rate_en))
+        self._tilt = _front(-0.5 * attitude.skew(motion.dvel_n), 2)  # r -> r x force / 2
+        transport = _front(h * motion.transport, 2)[:, :2]
+        if transport.ndim < self._ndim + 2:  # one transport matrix for all runs
+            transport = transport.reshape(3, 2, *(1,) * self._ndim)
+        self._transport = transport
+        # - (2 omega_ie + omega_en) x dV - d_omega_en x V as a matrix on dV; the rest is quadratic in dV
+        VE, VN, VU = _front(motion.vel)
+        coriolis = _front(h * (2 * motion.rate_ie + motion.rate_en))[2]
+        east, north, up = transport[1, 0], transport[0, 1], transport[2, 0]
+        K = np.zeros((2, 2, *np.broadcast_shapes(VE.shape, coriolis.shape)))
+        K[0, 0], K[0, 1], K[1, 0], K[1, 1] = up * VN - east * VU, coriolis, -coriolis - up * VE, north * VU
+        self._coriolis = K
 
     def __call__(self, x: Array) -> Array:
-        if x.ndim - 1 > self._batch_ndim:  # sigma points: one more axis behind the runs
-            points = self._with_points()
-            return points(x)
+        if x.ndim == self._ndim:
+            return self._advance(x[..., None, :])[..., 0, :]
         return self._advance(x)
 
-    def _with_points(self) -> EpochMap:
-        out = object.__new__(EpochMap)
-        out._exact, out._batch_ndim = self._exact, self._batch_ndim + 1
-        for name in ("_accel", "_gyro", "_force", "_turn", "_vel", "_coriolis"):
-            setattr(out, name, getattr(self, name)[..., None])
-        out._transport = tuple(np.asarray(part)[..., None] for part in self._transport)  # type: ignore[assignment]
-        return out
-
     def _advance(self, x: Array) -> Array:
-        X = np.ascontiguousarray(np.moveaxis(x, -1, 0))  # components in front: planes are what NumPy is fast on
-        dV, phi = X[:2], X[2:5]
+        total = np.add.reduce
+        n = x.ndim - 1
+        X = np.ascontiguousarray(x.transpose(n, *range(n)))
+        dV, phi, nabla, eps = X[:2], X[2:5], X[5:7], X[7:]
         if self._exact:
-            C, (sx, sy, _), (cx, cy, _) = attitude.misalignment_rows(phi)
+            C, s, c = attitude.misalignment_rows(phi)
         else:
             C = first_order_rows(phi)
-        u = self._force - (self._accel * X[None, 5:7]).sum(axis=1)
-        gain = self._force[:2] - (C[:, :2] * u[:, None]).sum(axis=0)  # (I - C') f + C' C_hat nabla, C at the start
-        vE, vN = dV + 0.5 * gain
-        TN, TE, TU = self._transport
-        dEn, dNn, dUn = TN * vN, TE * vE, TU * vE  # d_omega_en h at mid-epoch
-        w = self._turn - np.stack([dEn, dNn, dUn])
-        r = self._turn - (C * w[None]).sum(axis=1) - (self._gyro * X[None, 7:10]).sum(axis=1)  # omega_nc h
-        gain -= 0.5 * (C[:, :2] * cross_planes(r, u)[:, None]).sum(axis=0)  # C at mid-epoch
-        out = np.empty_like(X)
-        VE, VN, VU = self._vel
-        out[0] = dV[0] + gain[0] + self._coriolis * vN - dNn * VU + dUn * (VN - vN)
-        out[1] = dV[1] + gain[1] - self._coriolis * vE - dUn * (VE - vE) + dEn * VU
+        u = self._force - total(self._accel * nabla, axis=1)
+        rows = C[:, :2]
+        gain = self._force[:2] - total(rows * u[:, None], axis=0)  # (I - C') f + C' C_hat nabla, C at the start
+        v = dV + 0.5 * gain  # mid-epoch
+        w = self._turn - total(self._transport * v, axis=1)
+        r = self._turn - total(C * w, axis=1) - total(self._gyro * eps, axis=1)  # omega_nc h
+        gain -= total(rows * total(self._tilt * r, axis=1)[:, None], axis=0)  # C at mid-epoch; nabla is nothing beside f
+        out = np.empty(X.shape)
+        np.add(dV, gain, out=out[:2])
+        out[:2] += total(self._coriolis * v, axis=1)
+        sway = self._transport[2, 0] * v[0]
+        out[0] -= sway * v[1]
+        out[1] += sway * v[0]
         if self._exact:
-            k = (cy * r[2] - sy * r[0]) / cx  # rows of C_w^-1
-            out[2] = phi[0] + cy * r[0] + sy * r[2]
-            out[3] = phi[1] + r[1] - sx * k
+            k = (c[1] * r[2] - s[1] * r[0]) / c[0]  # rows of C_w^-1
+            out[2] = phi[0] + c[1] * r[0] + s[1] * r[2]
+            out[3] = phi[1] + r[1] - s[0] * k
             out[4] = phi[2] + k
         else:
-            out[2:5] = phi + r
+            np.add(phi, r, out=out[2:5])
         out[5:] = X[5:]
-        return np.ascontiguousarray(np.moveaxis(out, 0, -1))
+        return np.ascontiguousarray(out.transpose(*range(1, n + 1), 0))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 def corrected(q_nb: Array, phi: Array) -> Array:
     """The INS's attitude (..., 4) without its estimated misalignment phi (..., 3)."""
-    return attitude.multiply(attitude.conjugate(attitude.misalignment_quaternion(phi)), q_nb)
+    return attitude.multiply(attitude.correction_quaternion(phi), q_nb)
 
 
 def corrected_covariance(phi: Array, P: Array) -> Array:

@@ -77,20 +77,22 @@ def interval_increments(dtheta: Array, dvel: Array, last: Array | None) -> tuple
     shape = (*dtheta.shape[:-2], n_sub // samples, samples, 3)
     # Components in front: planes (6, samples, ..., intervals) are what NumPy is fast on.
     groups = np.empty((6, max(samples, 2), *shape[:-2]))
-    for half, increments in ((groups[:3], dtheta), (groups[3:], dvel)):
-        half[:, -samples:] = np.moveaxis(increments.reshape(shape), (-1, -2), (0, 1))
+    order = (len(shape) - 1, len(shape) - 2, *range(len(shape) - 2))
+    groups[:3, -samples:] = dtheta.reshape(shape).transpose(order)
+    groups[3:, -samples:] = dvel.reshape(shape).transpose(order)
     if samples == 1:
         groups[:, 0, ..., 1:] = groups[:, 1, ..., :-1]
-        groups[:, 0, ..., 0] = groups[:, 1, ..., 0] if last is None else np.moveaxis(last, -1, 0)
+        groups[:, 0, ..., 0] = groups[:, 1, ..., 0] if last is None else last.transpose(last.ndim - 1, *range(last.ndim - 1))
         total = groups[:, 1]
     else:
         total = groups.sum(axis=1)
-    flat = groups.reshape(6, groups.shape[1], -1)
+    flat = groups.reshape(2, 3, groups.shape[1], -1)
     mixed = np.matmul(_COUPLING[samples], flat)
     theta, vel = total.reshape(2, 3, -1)
-    rotation = theta + 0.5 * cross_planes(flat[:3], mixed[:3]).sum(axis=1)
-    sculling = cross_planes(flat[:3], mixed[3:]).sum(axis=1)
-    theta2 = np.sum(theta * theta, axis=0)
+    # dtheta_i x kappa_ij dtheta_j and dtheta_i x kappa_ij dvel_j, summed over the samples
+    coning, sculling = np.add.reduce(cross_planes(flat[0][:, None], mixed.transpose(1, 0, 2, 3)), axis=2).transpose(1, 0, 2)
+    rotation = theta + 0.5 * coning
+    theta2 = np.add.reduce(theta * theta, axis=0)
     first = cross_planes(theta, vel)
     a = 0.5 - theta2 * (1 / 24 - theta2 * (1 / 720 - theta2 / 40320))  # (1 - cos x) / x^2
     b = 1 / 6 - theta2 * (1 / 120 - theta2 * (1 / 5040 - theta2 / 362880))  # (1 - sin x / x) / x^2
@@ -100,7 +102,7 @@ def interval_increments(dtheta: Array, dvel: Array, last: Array | None) -> tuple
 
 def cross_planes(a: Array, b: Array) -> Array:
     """a x b along the first axis."""
-    out = np.empty(a.shape)
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]

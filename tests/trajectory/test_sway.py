@@ -65,7 +65,7 @@ def test_phases_of_the_sway_are_drawn_over_the_circle():
 
 
 def test_attitude_is_the_same_in_every_run_unless_asked():
-    sway, start = make(runs=3)
+    _, start = make(runs=3)
     assert_array_equal(start.q_nb, np.broadcast_to(start.q_nb[:1], (3, 4)))
     assert len(np.unique(start.vel[:, 0])) == 3
 
@@ -107,7 +107,7 @@ def test_still_base():
 
 
 def rates_by_differences(options, t, runs=2):
-    """omega_ib^b and f^b at the times t (T,), by sixth-order differences of attitude and velocity, (runs, T, 3)."""
+    """omega_ib^b and f^b (runs, T, 3) at times t, by sixth-order differences of attitude and velocity."""
     h = 2e-3
     weights = {1: 45 / 60, 2: -9 / 60, 3: 1 / 60}
     sway, _ = make(runs=runs, **options)
@@ -120,8 +120,10 @@ def rates_by_differences(options, t, runs=2):
     def dcm(q):
         return Rotation.from_quat(q.reshape(-1, 4), scalar_first=True)
 
-    turn = sum(w * ((dcm(middle.q_nb).inv() * dcm(at[k].q_nb)).as_rotvec() -
-                    (dcm(middle.q_nb).inv() * dcm(at[-k].q_nb)).as_rotvec()) for k, w in weights.items()) / h  # fmt: skip
+    def turned(k):
+        return (dcm(middle.q_nb).inv() * dcm(at[k].q_nb)).as_rotvec()
+
+    turn = sum(w * (turned(k) - turned(-k)) for k, w in weights.items()) / h
     accel = sum(w * (at[k].vel - at[-k].vel) for k, w in weights.items()) / h
     R_M, R_N = earth.radii(model, latitude)
     v = middle.vel
@@ -140,7 +142,9 @@ def test_increments_are_integrals_of_the_differentiated_motion(options):
     nodes = np.linspace(3.0, 3.2, 6 * 16 + 1)
     rate, force = rates_by_differences(options, nodes)
     for found, density, atol in ((motion.dtheta, rate, 3e-12), (motion.dvel, force, 1e-11)):
-        pieces = [simpson(density[:, 16 * i : 16 * i + 17], x=nodes[16 * i : 16 * i + 17], axis=1) for i in range(6)]
+        pieces = [
+            simpson(density[:, 16 * i : 16 * i + 17], x=nodes[16 * i : 16 * i + 17], axis=1) for i in range(6)
+        ]
         assert_allclose(found.reshape(2, 6, 3), np.stack(pieces, axis=1), rtol=0, atol=atol)
 
 

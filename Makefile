@@ -1,0 +1,42 @@
+# Every target builds what it needs in .venv; nothing has to be installed first but Python 3.11 or newer.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/installed
+export SINS_ENV_DATA ?= $(abspath ../shared/data)
+# one BLAS thread per process: the batches are small, and processes use the cores
+export OPENBLAS_NUM_THREADS ?= 1
+
+.PHONY: board test check lint types tests bench clean
+
+board: $(STAMP)  ## four filters align a swaying SINS: ranked table and figure
+	$(BIN)/sins-env eval --task sway-white-v0 --solver kf ekf ukf ckf --runs 100 --db results.sqlite --resume
+	$(BIN)/sins-env board --db results.sqlite --plot board.png
+	@echo "figure: board.png"
+
+test: $(STAMP)  ## every test
+	$(BIN)/python -m pytest -n 2
+
+check: lint types tests  ## what CI runs: ruff, mypy, tests (examples and README blocks are among them)
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(STAMP)
+	$(BIN)/mypy
+
+tests: test
+
+bench: $(STAMP)  ## speed of the whole chain, and against filterpy
+	$(BIN)/sins-env bench
+	$(BIN)/python benchmarks/filterpy_ukf.py
+
+$(STAMP): pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	touch $@
+
+clean:
+	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache results.sqlite* board.png

@@ -1,0 +1,31 @@
+"""A short task for the tests: 20 s of sway, told start, hold 5 s."""
+
+import dataclasses
+
+import pytest
+
+from sins_env.evaluation import tasks
+
+_WHITE = tasks.get_task("sway-white-v0")
+SHORT = dataclasses.replace(
+    _WHITE, name="short-v0", what="short", kwargs={**_WHITE.kwargs, "duration": 20.0}, hold_s=5.0
+)
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Registered under its name for the time of a test."""
+    monkeypatch.setitem(tasks.TASKS, SHORT.name, SHORT)
+    return SHORT
+
+
+@pytest.fixture
+def start_of(short):
+    """The told attitude of a run: how a test tells an estimator which run is meant."""
+
+    def find(run):
+        env = short.make(1)
+        _, info = short.reset(env, [run])
+        return info["start"]["q_nb"][0].tolist()
+
+    return find

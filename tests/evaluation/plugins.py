@@ -1,0 +1,214 @@
+"""Small estimators, good and bad, for the tests of the evaluation. They import nothing of it, as plug-ins may."""
+
+import os
+import signal
+import time
+
+import numpy as np
+
+from sins_env import attitude
+
+EARTH_RATE = 7.292115e-5
+
+
+class DeadReckoning:
+    """The told attitude, carried on by the gyros."""
+
+    batched = True
+
+    def reset(self, task, rng, num_runs=1):
+        self.task, self.k = task, 0
+        self.q = np.array([1.0, 0.0, 0.0, 0.0]) if task.start is None else task.start.q_nb.copy()
+        lat, turn = task.site.latitude, -EARTH_RATE * task.epoch_s
+        self.earth = attitude.from_rotvec(turn * np.array([0.0, np.cos(lat), np.sin(lat)]))
+        if task.start is None and num_runs > 1:
+            self.q = np.tile(self.q, (num_runs, 1))
+
+    def step(self, obs):
+        self.k += 1
+        turn = attitude.from_rotvec(obs["dtheta"].sum(axis=-2))
+        self.q = attitude.multiply(np.broadcast_to(self.earth, self.q.shape), attitude.multiply(self.q, turn))
+        return self.q.copy()
+
+    def covariance(self):
+        return np.broadcast_to(np.diag(np.radians([1.0, 1.0, 15.0]) ** 2), (*self.q.shape[:-1], 3, 3)).copy()
+
+
+class OneByOne(DeadReckoning):
+    """The same, one run at a time, without a covariance."""
+
+    batched = False
+    covariance = property()
+
+
+class Noisy(DeadReckoning):
+    """Draws from its rng, one stream per run, at every epoch."""
+
+    def reset(self, task, rng, num_runs=1):
+        super().reset(task, rng, num_runs)
+        self.rngs = [rng] if isinstance(rng, np.random.Generator) else list(rng)
+
+    def step(self, obs):
+        q = super().step(obs)
+        draws = np.array([rng.standard_normal(4) for rng in self.rngs])
+        return q + 1e-3 * draws.reshape(q.shape)
+
+
+class At(DeadReckoning):
+    """Misbehaves at an epoch in the run whose told attitude is ``q`` (in every run without one)."""
+
+    def __init__(self, q=None, epoch=5, how="raise", batched=True):
+        self.target, self.epoch, self.how, self.batched = q, epoch, how, batched
+
+    def step(self, obs):
+        q = super().step(obs)
+        starts = np.atleast_2d(self.task.start.q_nb)
+        hit = (
+            np.ones(len(starts), bool) if self.target is None else np.abs(starts - self.target).max(1) < 1e-12
+        )
+        if self.k != self.epoch or not hit.any():
+            return q
+        if self.how == "raise":
+            raise ArithmeticError("no square\nroot")
+        if self.how == "exit":
+            raise SystemExit(3)
+        if self.how == "interrupt":
+            raise KeyboardInterrupt
+        if self.how == "kill":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if self.how == "shape":
+            return q[..., :3]
+        if self.how == "text":
+            return "no idea"
+        q[hit if q.ndim == 2 else ...] = {"nan": np.nan, "zero": 0.0}[self.how]
+        return q
+
+
+class DiesOnce(DeadReckoning):
+    """Its worker is killed, the first time only."""
+
+    def __init__(self, marker):
+        self.marker = marker
+
+    def reset(self, task, rng, num_runs=1):
+        super().reset(task, rng, num_runs)
+        try:
+            os.remove(self.marker)
+        except FileNotFoundError:
+            return
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+class Slow(DeadReckoning):
+    def __init__(self, seconds=0.05):
+        self.seconds = seconds
+
+    def step(self, obs):
+        time.sleep(self.seconds)
+        return super().step(obs)
+
+
+class BadReset(DeadReckoning):
+    def reset(self, task, rng, num_runs=1):
+        raise RuntimeError("no memory left")
+
+
+class BadCovariance(DeadReckoning):
+    def covariance(self):
+        return np.eye(4)
+
+
+class Health:
+    def __init__(self, repairs, failed_at):
+        self.repairs, self.failed_at = np.array(repairs), np.array(failed_at)
+
+
+class Ailing(DeadReckoning):
+    """Reports two repairs in the first run of a batch, and that it gave up the last at epoch 20."""
+
+    def health(self):
+        runs = len(np.atleast_2d(self.q))
+        return Health([2] + [0] * (runs - 1), [-1] * (runs - 1) + [20])
+
+
+# What check_estimator must name.
+class ChangesObservations(DeadReckoning):
+    def step(self, obs):
+        obs["dtheta"][...] = 0.0
+        return super().step(obs)
+
+
+class ChangesTask(DeadReckoning):
+    def reset(self, task, rng, num_runs=1):
+        super().reset(task, rng, num_runs)
+        if task.start is not None:
+            task.start.q_nb[...] = 0.5
+
+
+class GlobalRandom(DeadReckoning):
+    def step(self, obs):
+        return super().step(obs) + 1e-12 * np.random.standard_normal()  # noqa: NPY002
+
+
+class NotReset(DeadReckoning):
+    q = None
+
+    def reset(self, task, rng, num_runs=1):
+        old = self.q
+        super().reset(task, rng, num_runs)
+        self.q = old if old is not None and old.shape == self.q.shape else self.q
+
+
+class WallClock(DeadReckoning):
+    def step(self, obs):
+        return super().step(obs) * [1.0, 1.0 + time.perf_counter() % 1, 1.0, 1.0]
+
+
+class Neighbourly(DeadReckoning):
+    def step(self, obs):
+        q = super().step(obs)
+        return q + 1e-6 * q.mean(axis=0)
+
+
+class NeedsFixes(DeadReckoning):
+    def step(self, obs):
+        return super().step(obs) / obs["gps_valid"].astype(float)
+
+
+class NeedsStart(DeadReckoning):
+    def reset(self, task, rng, num_runs=1):
+        task.start.q_nb.copy()
+        super().reset(task, rng, num_runs)
+
+
+class Unpicklable(DeadReckoning):
+    def __init__(self):
+        self.f = lambda x: x
+
+
+class NegativeCovariance(DeadReckoning):
+    def covariance(self):
+        return -super().covariance()
+
+
+class KeepsAxis(DeadReckoning):
+    def step(self, obs):
+        return np.atleast_2d(super().step(obs))
+
+
+class Nothing:
+    """No estimator at all."""
+
+
+def with_setting(gain: float = 1.0):
+    """Dead reckoning, with a setting that changes nothing.
+
+    A second paragraph.
+    """
+    if gain < 0:
+        raise ValueError(f"gain = {gain}; allowed: not negative")
+    return DeadReckoning()
+
+
+def broken_factory():
+    return 1 / 0
