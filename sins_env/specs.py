@@ -226,8 +226,14 @@ _THESIS = ImuSpec(gyro_bias_deg_h=0.02, arw_deg_sqrt_h=0.01, accel_bias_ug=100.0
 IMU_PRESETS: dict[str, ImuSpec] = {
     "perfect": ImuSpec(),
     "thesis-white": _THESIS,
+    # The accelerometers have the Gauss-Markov bias alone: nabla = GM + white (equations.md S.1, bound.md 5)
     "thesis-markov": replace(
-        _THESIS, gyro_markov_deg_h=0.1, gyro_markov_s=3600.0, accel_markov_ug=100.0, accel_markov_s=900.0
+        _THESIS,
+        gyro_markov_deg_h=0.1,
+        gyro_markov_s=3600.0,
+        accel_bias_ug=0.0,
+        accel_markov_ug=100.0,
+        accel_markov_s=900.0,
     ),
     # 000 chapter 6, with the pulse weights of ../shared/data/rlg_parked_car.npz
     "rlg-car": ImuSpec(

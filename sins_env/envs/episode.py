@@ -68,7 +68,7 @@ class Episode:
         obs = self._observe()
         info: dict[str, Any] = {"start": {**start._asdict(), "known": np.full(runs, known)}}
         if self.reveal_truth:
-            info["truth"] = truth._asdict()
+            info["truth"] = {name: part.copy() for name, part in truth._asdict().items()}
         return obs, info
 
     def step(self, action: Array) -> tuple[Obs, Array, bool, dict[str, Any]]:

@@ -21,6 +21,15 @@ class _Wrong(Exception):
     """Wrong use, in one line."""
 
 
+class RunFailed(Exception):
+    """What was asked for ran and failed, in one line."""
+
+
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         raise _Wrong(f"{message} (see {self.prog} --help)")
@@ -145,9 +154,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader (head, less) has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except (_Wrong, ValueError, FileNotFoundError) as error:
-        return _say(str(error), 2)
-    except OSError as error:
+    except RunFailed as error:
+        return _say(str(error), 1)
+    except (_Wrong, ValueError, OSError) as error:
         return _say(str(error), 2)
     except Exception as error:
         if os.environ.get("SINS_ENV_TRACEBACK"):
@@ -164,7 +173,7 @@ def _run(arguments: list[str]) -> int:
     if not arguments[0].startswith("-") and arguments[0] not in verbs:
         raise unknown("command", arguments[0], verbs)
     given = top.parse_args(arguments)
-    return int(given.go(given, Console(soft_wrap=not sys.stdout.isatty() and "COLUMNS" not in os.environ)))
+    return int(given.go(given, _Console(soft_wrap=not sys.stdout.isatty() and "COLUMNS" not in os.environ)))
 
 
 def _say(message: str, code: int) -> int:

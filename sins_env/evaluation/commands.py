@@ -20,6 +20,7 @@ from sins_env.evaluation import bench as speed
 from sins_env.evaluation import board as boards
 from sins_env.evaluation import monte_carlo, registry
 from sins_env.evaluation.check import Check, check_estimator
+from sins_env.evaluation.cli import RunFailed
 from sins_env.evaluation.episode import run_episode
 from sins_env.evaluation.executors import Processes, available_cores
 from sins_env.evaluation.listing import describe, list_all
@@ -36,7 +37,7 @@ def remark(text: str) -> None:
     print(text, file=sys.stderr)
 
 
-def check_plot(path: str | None) -> None:
+def check_plot(path: str | None, option: str = "--plot") -> None:
     """Refuse a figure that could not be written before the work is done.
 
     Raises:
@@ -49,11 +50,10 @@ def check_plot(path: str | None) -> None:
     allowed = FigureCanvasBase.get_supported_filetypes()
     ending = Path(path).suffix.lstrip(".").lower()
     if ending not in allowed:
-        raise ValueError(
-            f"--plot {path}; allowed: a file that ends in {', '.join(f'.{name}' for name in sorted(allowed))}"
-        )
+        endings = ", ".join(f".{name}" for name in sorted(allowed))
+        raise ValueError(f"{option} {path}; allowed: a file that ends in {endings}")
     if not Path(path).resolve().parent.is_dir():
-        raise ValueError(f"--plot {path}: the directory does not exist")
+        raise ValueError(f"{option} {path}: the directory does not exist")
 
 
 def _save(figure: Any, path: str) -> None:
@@ -88,10 +88,6 @@ def run(given: Namespace, console: Console) -> int:
         raise RunFailed(f"{given.solver} on {task.name}, run {given.run}: {records.reason[0]}")
     console.print(_run_table(given, task, records))
     return 0
-
-
-class RunFailed(Exception):
-    """The solver raised in the one run asked for."""
 
 
 def _run_table(given: Namespace, task: EvaluationTask, records: Records) -> Table:

@@ -13,6 +13,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Protocol
 
@@ -140,7 +141,8 @@ class Processes:
                 slot = min(set(range(self.workers)) - {taken for _, _, taken in running.values()})
                 self._shared[slot] = 0
                 try:
-                    running[self._ready_pool().submit(_in_worker, job, slot)] = (job, first, slot)
+                    with _interrupts_held():
+                        running[self._ready_pool().submit(_in_worker, job, slot)] = (job, first, slot)
                 except BrokenExecutor:
                     source.append((job, first))
                     break
@@ -172,6 +174,19 @@ class Processes:
                 ) from error
             self._pool = pool
         return self._pool
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Ctrl-C waits until this ends; workers that start meanwhile never see it (they inherit the mask)."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def available_cores() -> int:

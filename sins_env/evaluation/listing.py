@@ -80,6 +80,8 @@ def _safely(name: str) -> tuple[str, dict[str, str]]:
 def describe(given: Namespace, console: Console) -> int:
     """Whatever goes by that name; a preset that is both IMU and GPS is shown as both."""
     name, found = given.name, False
+    if given.allan:
+        _check_allan(name, given.allan)
     if name in TASKS:
         found = _task(TASKS[name], console)
     if name in ALIGNMENT_IDS:
@@ -190,17 +192,21 @@ def _recording(name: str, console: Console) -> bool:
     return True
 
 
+def _check_allan(name: str, path: str) -> None:
+    from sins_env.evaluation.commands import check_plot
+
+    check_plot(path, "--allan")
+    if name not in IMU_PRESETS and not name.endswith(".npz"):
+        allowed = f"an IMU preset ({', '.join(IMU_PRESETS)}) or a recording"
+        raise ValueError(f"--allan for {name!r}; allowed: {allowed}")
+
+
 def _allan(name: str, path: str) -> None:
     """Draw the Allan deviation of an IMU preset or a recording."""
     from sins_env import figures, recordings
-    from sins_env.evaluation.commands import check_plot, remark
+    from sins_env.evaluation.commands import remark
     from sins_env.evaluation.progress import Bar
 
-    check_plot(path)
-    if name not in IMU_PRESETS and not name.endswith(".npz"):
-        raise ValueError(
-            f"--allan for {name!r}; allowed: an IMU preset ({', '.join(IMU_PRESETS)}) or a recording"
-        )
     with Bar("Allan deviation"):
         if name in IMU_PRESETS:
             figure = figures.allan_figure(IMU_PRESETS[name], name, np.random.default_rng(0))

@@ -38,8 +38,9 @@ class Bar:
             TaskProgressColumn(),
             _Rate(),
             TimeElapsedColumn(),
-            TextColumn("left", style="dim"),
+            TextColumn("·"),
             TimeRemainingColumn(),
+            TextColumn("left"),
             TextColumn("{task.fields[note]}"),
         ]
         self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)

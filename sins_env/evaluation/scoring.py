@@ -180,7 +180,7 @@ class Scorer:
         size = np.abs(phi)
         fine = (k > c.coarse_epochs)[:, None]
         self.last_bad = np.maximum(
-            self.last_bad, np.where((size > c.delta) & fine, k[:, None], 0).max(axis=1)
+            self.last_bad, np.where(size > c.delta, k[:, None], 0).max(axis=1)
         )
         first_held = c.num_epochs - round(c.hold_s / c.epoch_s)
         if k[-1] >= first_held:

@@ -185,15 +185,18 @@ def _connect(target: str | Path) -> sqlite3.Connection:
 
 
 def _open_read_only(path: Path) -> sqlite3.Connection:
-    """Also where the directory cannot be written, which a write-ahead log would need."""
-    for suffix in ("?mode=ro", "?immutable=1"):
-        db = _connect(f"{path.resolve().as_uri()}{suffix}")
+    """For reading. A connection that may write removes the log's files when it closes, so it is preferred;
+    the last resort is for a directory that cannot be written."""
+    uri = path.resolve().as_uri()
+    for mode in ("?mode=rw", "?mode=ro", "?immutable=1"):
+        db = _connect(uri + mode)
         try:
+            db.execute("PRAGMA query_only = 1")
             db.execute("SELECT count(*) FROM sqlite_master")
             return db
         except sqlite3.OperationalError:
             db.close()
-            if suffix != "?mode=ro":
+            if mode == "?immutable=1":
                 raise
     raise AssertionError("unreachable")
 

@@ -1,4 +1,4 @@
-"""Small estimators, good and bad, for the tests of the evaluation. They import nothing of it, as plug-ins may."""
+"""Small estimators, good and bad, for the tests. As plug-ins may, they import nothing of the evaluation."""
 
 import os
 import signal

@@ -10,7 +10,9 @@ def failed(factory, **settings):
     return {check.name: check.detail for check in check_estimator(factory, settings) if check.passed is False}
 
 
-@pytest.mark.parametrize("factory", [plugins.DeadReckoning, plugins.OneByOne, plugins.Noisy, "evaluation.plugins:with_setting"])
+@pytest.mark.parametrize(
+    "factory", [plugins.DeadReckoning, plugins.OneByOne, plugins.Noisy, "evaluation.plugins:with_setting"]
+)
 def test_good(factory):
     assert failed(factory) == {}
 

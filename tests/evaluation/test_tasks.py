@@ -56,7 +56,7 @@ def test_digest_of_the_recording(recorded):
         {"gps": {"vel_std_mps": 0.1001}},
         {"imu": {"preset": "thesis-white", "arw_deg_sqrt_h": 0.01001}},
         {"latitude_deg": 39.9601},
-        {"earth": "thesis"},
+        {"vibration": True},
         {"heading_deg": 30.001},
     ],
 )

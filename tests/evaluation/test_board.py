@@ -1,0 +1,136 @@
+"""The table ranks by azimuth RMS with ties, and says the same in every form."""
+
+import csv
+import dataclasses
+import io
+import json
+import math
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from sins_env.evaluation import board, plots
+from sins_env.evaluation.cost import Cost
+from sins_env.evaluation.metrics import Nees
+from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.scoring import Criteria, score
+from sins_env.evaluation.tasks import get_task
+from sins_env.specs import ARCSEC
+
+TASK = get_task("sway-white-v0")
+CRITERIA = Criteria(0.1, 1000, 0, TASK.delta, np.ones(3), 60.0)
+KEYS = [
+    "task", "solver", "settings", "runs", "success", "t_conv_median_s", "rms", "rms_ci", "bound_ratio",
+    "failures", "cost_ratio",
+]  # fmt: skip
+
+
+def results(name, azimuth, runs=50, seed=0, task=TASK, **settings):
+    """A solver whose runs have constant errors, normal with the given azimuth sigma in arcsec."""
+    rng = np.random.default_rng(seed)
+    phi = rng.normal(0, 1, (runs, 1, 3)) * np.array([20.0, 20.0, azimuth]) * ARCSEC * np.ones((1, 1000, 1))
+    return Results(task, name, settings, "suite", score(phi, None, CRITERIA), Cost(200.0, 300.0, 1.25))
+
+
+def text_of(renderable, width=100):
+    console = Console(width=width, file=io.StringIO())
+    console.print(renderable)
+    return console.file.getvalue()
+
+
+def test_ranks_tie_where_intervals_overlap():
+    lines = board.ranked(
+        [results("c", 3000), results("a", 800), results("b", 850, seed=1), results("d", 9000)]
+    )
+    assert [(rank, one.solver) for rank, one in lines] == [(1, "a"), (1, "b"), (3, "c"), (4, "d")]
+    alone = board.ranked([results("a", 800, runs=1), results("b", 80000, runs=1)])
+    assert [rank for rank, _ in alone] == [1, 1]  # single runs tell nothing apart
+
+
+def test_json_has_exactly_the_keys():
+    entries = json.loads(board.as_json([results("ckf", 800, gain=2), results("bad", 4e5, runs=1)]))
+    for entry in entries:
+        assert list(entry) == KEYS
+        assert list(entry["rms"]) == list(entry["rms_ci"]) == ["E", "N", "U"]
+    good, bad = entries
+    assert good["settings"] == {"gain": 2}
+    assert good["rms_ci"]["U"][0] < good["rms"]["U"] < good["rms_ci"]["U"][1]
+    assert good["bound_ratio"] is None
+    assert (good["failures"], good["cost_ratio"]) == (0, 1.25)
+    assert bad["t_conv_median_s"] is None
+    assert bad["rms_ci"]["U"] == [None, None]
+
+
+def test_every_form_says_the_same():
+    one = results("ckf", 800)
+    s = one.summary
+    (row,) = csv.DictReader(io.StringIO(board.as_csv([one])))
+    assert float(row["rms_u_arcsec"]) == s.rms["U"]
+    assert float(row["success"]) == s.success
+    assert float(row["cost_ratio"]) == 1.25
+    assert row["nees_over_3"] == ""
+    for text in (board.as_markdown([one]), text_of(board.table([one]))):
+        assert f"{s.rms['U']:.0f}" in text
+        assert f"{s.rms_ci['U'][0]:.0f}–{s.rms_ci['U'][1]:.0f}" in text
+        assert f"{100 * s.success:.0f} %" in text
+        assert "within 0.7 deg and level within 70" in text
+
+
+def test_failures_and_nees_are_shown():
+    one = results("ckf", 800, runs=4)
+    status = np.array(["ok", "raised", "diverged", "diverged"])
+    records = dataclasses.replace(one.records, status=status, repairs=np.array([3, 0, 1, 0]))
+    records = dataclasses.replace(records, nees=np.full((4, 4), 30.0))
+    one = dataclasses.replace(one, records=records)
+    assert board.failure_text(one.summary) == "2 diverged, 1 raised, 2 repaired"
+    assert one.summary.failures == 4
+    text = text_of(board.table([one]))
+    for part in ("2 diverged", "1 raised", "2 repaired", "10.0", "worst error"):
+        assert part in text
+    assert "10.0 (outside)" in board.as_markdown([one])
+    assert "NEES" not in text_of(board.table([results("ckf", 800)]))
+
+
+def test_table_fits_in_100_columns_with_long_names():
+    found = [
+        results("package.module.with.a.long.path:AnEstimatorWithALongName", 3e5, horizon=1000.0),
+        results("b", 8e4),
+    ]
+    text = text_of(board.table(found))
+    assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
+    assert "…" not in text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (12.345, "12.3"), (853.1, "853"), (0.01234, "0.0123"), (1234.5, "1,234"),
+     (math.inf, "never"), (math.nan, "-"), (99.96, "100.0")],
+)  # fmt: skip
+def test_number(value, text):
+    assert board.number(value) == text
+
+
+def test_angle_and_seconds():
+    assert board.angle(7200.0) == "7,200"
+    assert board.angle(68400.0) == "19.0°"
+    assert board.seconds(0.1) == "0.1"
+    assert board.seconds(125.36) == "125"
+    assert board.seconds_interval((100.0, math.inf)) == "100–never"
+    assert board.seconds_interval((math.inf, math.inf)) == ""
+
+
+def test_figures(tmp_path):
+    found = [results("a", 800), results("b", 900, runs=1), results("c", 5e4, task=get_task("rlg-car-v0"))]
+    plots.save(plots.error_figure(found), tmp_path / "e.png")
+    assert (tmp_path / "e.png").stat().st_size > 20_000
+    figure = plots.error_figure(found)
+    assert len(figure.subfigs) == 2
+    labels = [text.get_text() for text in figure.subfigs[0].legends[0].get_texts()]
+    assert sorted(labels[:2]) == ["a", "b"]
+    assert labels[2].startswith("threshold")
+
+
+def test_nees_inside():
+    assert Nees(1.0, 3.0, (2.0, 4.0), 9).inside
+    assert not Nees(1.0, 4.1, (2.0, 4.0), 9).inside

@@ -1,0 +1,353 @@
+"""Every verb; wrong use is exit code 2 and one line with the nearest name, a failed run is 1, Ctrl-C 130."""
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from sins_env.evaluation import registry
+from sins_env.evaluation.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+PLUGIN = "evaluation.plugins:"
+GOOD = PLUGIN + "DeadReckoning"
+SLOW = PLUGIN + "Slow"
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
+
+
+@pytest.fixture
+def cli(capsys):
+    """Run a command; its exit code, standard output, and lines on standard error."""
+
+    def call(*arguments):
+        code = main([str(a) for a in arguments])
+        out, err = capsys.readouterr()
+        return code, out, err.splitlines()
+
+    return call
+
+
+_COMMAND = """
+import sys
+from evaluation.conftest import SHORT
+from sins_env.evaluation import tasks
+from sins_env.evaluation.cli import main
+tasks.TASKS[SHORT.name] = SHORT
+sys.exit(main())
+"""
+
+
+def spawn(*arguments, **settings):
+    """A process of its own, as a user starts it."""
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tests'}"}
+    command = [sys.executable, "-c", _COMMAND, *map(str, arguments)]
+    return subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **settings
+    )
+
+
+def evaluation(*more, runs=4, solver=GOOD):
+    return ("eval", "--task", "short-v0", "--solver", solver, "--runs", runs, "--workers", 1, *more)
+
+
+def table(cli, *more):
+    code, out, _ = cli("board", "--json", *more)
+    assert code == 0
+    return [
+        {name: value for name, value in entry.items() if name != "cost_ratio"} for entry in json.loads(out)
+    ]
+
+
+def test_list(cli):
+    code, out, err = cli("list")
+    assert (code, err) == (0, [])
+    for name in ("SINS/AlignSway-v0", "sway-told-wrong-v0", "rlg-car", "dgps"):
+        assert name in out
+
+
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [
+        ("sway-white-v0", "0.7 deg"),
+        ("SINS/AlignSway-v0", "misalignment_deg"),
+        ("SINS/Replay-v0", "recording"),
+        ("tactical", "arw_deg_sqrt_h"),
+        ("dgps", "rate_hz"),
+        ("perfect", "GPS preset"),
+        (PLUGIN + "with_setting", "gain"),
+        (GOOD, "The told attitude, carried on by the gyros."),
+    ],
+)
+def test_describe(cli, name, part):
+    code, out, err = cli("describe", name)
+    assert (code, err) == (0, [])
+    assert part in out
+
+
+def test_describe_preset_with_allan(cli, tmp_path):
+    code, _, err = cli("describe", "mems", "--allan", "a.png")
+    assert (code, err) == (0, ["figure: a.png"])
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("recorded", ["rlg_parked_car.npz"], indirect=True)
+def test_describe_recording(cli, recorded):
+    code, out, _ = cli("describe", recorded)
+    assert code == 0
+    assert "100 Hz" in out
+
+
+def test_run(cli, short, tmp_path):
+    code, out, err = cli("run", "short-v0", GOOD, "--plot", "run.png")
+    assert (code, err) == (0, ["figure: run.png"])
+    assert "azimuth" in out
+    assert (tmp_path / "run.png").stat().st_size > 20_000
+
+
+def test_run_that_raises(cli, short):
+    given = ("run", "short-v0", PLUGIN + "At", "--set", "epoch=7")
+    code, out, err = cli(*given)
+    assert (code, out) == (1, "")
+    assert err == [
+        f"sins-env: {PLUGIN}At on short-v0, run 0: step raised ArithmeticError: no square root, at 0.7 s"
+    ]
+    code, _, err = cli(*given, "--traceback")
+    assert err[0] == "Traceback (most recent call last):"
+
+
+def test_eval_and_board(cli, short, tmp_path):
+    code, out, err = cli(*evaluation("--db", "r.sqlite", "--plot", "e.png", solver=PLUGIN + "OneByOne"))
+    assert (code, err) == (0, ["figure: e.png"])
+    assert "OneByOne" in out
+    assert (tmp_path / "e.png").stat().st_size > 20_000
+    (entry,) = table(cli, "--db", "r.sqlite")
+    assert (entry["task"], entry["solver"], entry["runs"]) == ("short-v0", PLUGIN + "OneByOne", 4)
+    for form, part in (("--md", "| 1 |"), ("--csv", "task,suite,rank"), ("--json", '"t_conv_median_s"')):
+        code, out, _ = cli("board", "--db", "r.sqlite", form)
+        assert code == 0
+        assert part in out
+    code, out, _ = cli("board", "--db", "r.sqlite", "--plot", "b.png")
+    assert "of 4" in out
+    assert (tmp_path / "b.png").exists()
+    code, _, err = cli("board", "--db", "r.sqlite", "--solver", PLUGIN + "OneByTwo")
+    assert code == 2
+    assert f"did you mean '{PLUGIN}OneByOne'" in err[0]
+
+
+def test_existing_rows_are_kept_and_resumed(cli, short):
+    assert cli(*evaluation(runs=6))[0] == 0
+    complete = table(cli)
+    db = sqlite3.connect("results.sqlite")
+    db.execute("DELETE FROM runs WHERE run IN (1, 4, 5)")
+    db.commit()
+    db.close()
+    code, out, err = cli(*evaluation(runs=6))
+    assert (code, out) == (2, "")
+    assert len(err) == 1
+    assert "holds 3 runs" in err[0]
+    assert "--resume" in err[0]
+    assert table(cli)[0]["runs"] == 3
+    code, out, _ = cli(*evaluation("--resume", runs=6))
+    assert code == 0
+    assert_tables(table(cli), complete)
+    assert cli(*evaluation("--resume", "--seed", 3, runs=2))[0] == 0
+    assert [entry["runs"] for entry in table(cli)] == [6, 2]
+
+
+def assert_tables(found, expected):
+    """Equal to 1e-9."""
+    assert len(found) == len(expected)
+    for one, other in zip(found, expected, strict=True):
+        for axis in "ENU":
+            assert one["rms"][axis] == pytest.approx(other["rms"][axis], rel=1e-9)
+            assert one["rms_ci"][axis] == pytest.approx(other["rms_ci"][axis], rel=1e-9)
+        assert {k: v for k, v in one.items() if "rms" not in k} == {
+            k: v for k, v in other.items() if "rms" not in k
+        }
+
+
+def test_interrupted_evaluation_resumes_to_the_same_table(cli, short, start_of):
+    given = ("--chunk", 2, "--set", f"q={json.dumps(start_of(4))}")
+    at = PLUGIN + "At"
+    code, _, err = cli(*evaluation(*given, "--set", 'how="interrupt"', runs=6, solver=at))
+    assert code == 130
+    assert err == [
+        f"sins-env: interrupted: 4 runs of {at} on short-v0 are in results.sqlite; --resume continues"
+    ]
+    assert table(cli)[0]["runs"] == 4
+    assert cli(*evaluation(*given, "--set", 'how="interrupt"', "--resume", runs=4, solver=at))[0] == 0
+
+
+def test_failed_runs_are_shown_and_exit_with_1(cli, short, start_of):
+    given = ("--set", f"q={json.dumps(start_of(1))}")
+    code, out, err = cli(*evaluation(*given, solver=PLUGIN + "At"))
+    assert code == 1
+    assert "1 raised" in out
+    assert len(err) == 1
+    assert err[0].endswith("run 1: step raised ArithmeticError: no square root, at 0.5 s")
+
+
+def test_check(cli):
+    code, out, err = cli("check", GOOD)
+    assert (code, err) == (0, [])
+    assert "meets the contract" in out
+    code, out, err = cli("check", PLUGIN + "GlobalRandom")
+    assert code == 1
+    assert "FAIL  draws from its rng only" in out
+    assert err == [f"sins-env: {PLUGIN}GlobalRandom fails 1 of 12 checks"]
+
+
+def test_bench(cli, monkeypatch):
+    from sins_env.evaluation import bench
+
+    monkeypatch.setattr(bench, "SECONDS", 0.2)
+    code, out, err = cli("bench", GOOD, "--runs", 4, 1)
+    assert (code, err) == (0, [])
+    assert out.count("whole chain") == 2
+    code, _, err = cli("bench", PLUGIN + "OneByOne", "--runs", 4)
+    assert (code, len(err)) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (("evall",), "unknown command 'evall'; did you mean 'eval'?"),
+        (("run", "sway-whit-v0", GOOD), "did you mean 'sway-white-v0'?"),
+        (("run", "sway-white-v0", GOOD + "s"), "did you mean 'DeadReckoning'?"),
+        (("run", "sway-white-v0", GOOD, "--seed", "-1"), "--seed"),
+        (("run", "sway-white-v0", GOOD, "--plot", "a.xyz"), "allowed: a file that ends in"),
+        (("run", "sway-white-v0", GOOD, "--plot", "no/a.png"), "the directory does not exist"),
+        (("run", "sway-white-v0", GOOD, "--set", "gain"), "allowed: NAME=VALUE"),
+        (("run", "rlg-car-v0", GOOD, "--run", "7"), "allowed: up to 7"),
+        (("eval", "--task", "sway-white-v0"), "--solver"),
+        (("eval", "--task", "sway-white-v0", "--solver", GOOD, "--runs", "0"), "at least 1"),
+        (("eval", "--task", "sway-white-v0", "--solver", GOOD, "--executor", "daks"), "did you mean 'dask'?"),
+        (("eval", "--task", "sway-white-v0", "--solver", GOOD, "--db", "no/r.sqlite"), "no such directory"),
+        (("eval", "--task", "sway-white-v0", GOOD, "--solver", GOOD), "unknown task 'evaluation.plugins"),
+        (("board",), "no such results file"),
+        (("describe", "sway-markof-v0"), "did you mean 'sway-markov-v0'?"),
+        (("describe", "missing.npz"), "missing.npz"),
+        (("describe", "dgps", "--allan", "a.png"), "allowed: an IMU preset"),
+        (("check", PLUGIN + "Nothing"), "without batched, reset, step"),
+        (("bench", "--frobnicate"), "unrecognized arguments"),
+    ],
+)
+def test_wrong_use(cli, tmp_path, arguments, part):
+    code, out, err = cli(*arguments)
+    assert (code, out) == (2, "")
+    assert len(err) == 1
+    assert part in err[0]
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_command_shows_help(cli):
+    code, out, err = cli()
+    assert (code, out) == (2, "")
+    assert any("eval" in line for line in err)
+    assert cli("--help")[0] == 0
+
+
+def test_names_of_installed_solvers(cli, monkeypatch):
+    """Entry points are found, loaded late, and offered when a name is misspelt."""
+    from importlib.metadata import EntryPoint
+
+    points = [
+        EntryPoint("dead", PLUGIN + "DeadReckoning", registry.GROUP),
+        EntryPoint("gone", "no_such_module:X", registry.GROUP),
+    ]
+    monkeypatch.setattr(registry.importlib.metadata, "entry_points", lambda group: points)
+    assert cli("describe", "dead")[0] == 0
+    assert "cannot be loaded" in cli("list")[1]
+    assert "did you mean 'dead'?" in cli("run", "sway-white-v0", "deat")[2][0]
+    assert "cannot be loaded" in cli("check", "gone")[2][0]
+    assert registry.code_version("dead") == registry.code_version(GOOD)
+
+
+def test_process_pipe_and_piped_reader(tmp_path):
+    done = spawn("list", cwd=tmp_path)
+    out, err = done.communicate(timeout=60)
+    assert (done.returncode, err) == (0, "")
+    assert "sway-white-v0" in out
+    done = spawn("list", cwd=tmp_path)
+    done.stdout.close()  # the reader has gone
+    _, err = done.communicate(timeout=60)
+    assert (done.returncode, err) == (0, "")
+
+
+def test_ctrl_c_keeps_what_is_done(tmp_path):
+    """A real SIGINT to the whole process group, workers included."""
+    slow = spawn(
+        "eval", "--task", "short-v0", "--solver", PLUGIN + "Slow", "--set", "seconds=0.003", "--runs", 60,
+        "--chunk", 1, "--workers", 2, cwd=tmp_path, start_new_session=True,
+    )  # fmt: skip
+    path = tmp_path / "results.sqlite"
+    deadline = time.monotonic() + 60
+    while count(path) < 2 and time.monotonic() < deadline:
+        time.sleep(0.1)
+    os.killpg(slow.pid, signal.SIGINT)
+    _, err = slow.communicate(timeout=30)
+    assert slow.returncode == 130
+    kept = count(path)
+    assert kept >= 2
+    what = f"{kept} runs of {PLUGIN}Slow on short-v0 are in results.sqlite"
+    assert err == f"sins-env: interrupted: {what}; --resume continues\n"
+    assert emptied(slow.pid), "a worker is left"
+
+
+def emptied(group):
+    """Whether the processes of a group end within a few seconds."""
+    deadline = time.monotonic() + 10
+    while time.monotonic() < deadline:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def test_killed_evaluation_resumes_and_shares_its_file(cli, short, tmp_path):
+    """kill -9 of the parent leaves whole rows and no workers; two evaluations into one file lose nothing."""
+    given = ("eval", "--task", "short-v0", "--runs", 9, "--chunk", 1, "--set", "seconds=0.001")
+    slow = spawn(*given, "--solver", SLOW, "--workers", 2, cwd=tmp_path, start_new_session=True)
+    path = tmp_path / "results.sqlite"
+    deadline = time.monotonic() + 60
+    while count(path) < 1 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    slow.kill()
+    slow.communicate(timeout=30)
+    assert emptied(slow.pid), "a worker is left"
+    assert 1 <= count(path) < 9
+    both = [
+        spawn(*given, "--solver", SLOW, "--resume", "--workers", 1, cwd=tmp_path),
+        spawn(*given[:-2], "--solver", PLUGIN + "Noisy", "--workers", 1, cwd=tmp_path),
+    ]
+    assert [process.communicate(timeout=60)[1] for process in both] == ["", ""]
+    kept = {entry["solver"]: entry for entry in table(cli)}
+    assert [entry["runs"] for entry in kept.values()] == [9, 9]
+    assert cli(*given, "--solver", SLOW, "--workers", 1, "--db", "fresh.sqlite")[0] == 0
+    assert_tables([kept[SLOW]], table(cli, "--db", "fresh.sqlite"))
+
+
+def count(path):
+    """Rows of a results file that others write to."""
+    if not path.exists():
+        return 0
+    db = sqlite3.connect(path, timeout=5)
+    try:
+        return db.execute("SELECT count(*) FROM runs").fetchone()[0]
+    except sqlite3.OperationalError:  # just being created
+        return 0
+    finally:
+        db.close()

@@ -1,0 +1,190 @@
+"""The results file: what is written is read back, by several at once; what cannot be is one clear error."""
+
+import dataclasses
+import os
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sins_env.evaluation import evaluate, store
+from sins_env.evaluation.rows import SCHEMA_VERSION
+from sins_env.evaluation.store import Key, Store, StoreError, canonical
+
+
+@pytest.fixture
+def results(short):
+    return evaluate(short, "evaluation.plugins:At", 4, workers=1, settings={"epoch": 150}, cost=False)
+
+
+@pytest.fixture
+def key(results):
+    return Key.of("short-v0", results.suite, results.solver, results.settings, "1")
+
+
+def test_round_trip(tmp_path, results, key):
+    with Store(tmp_path / "r.sqlite") as db:
+        db.add(key, results.records)
+        db.add(key, results.records)  # what is there stays
+        assert db.runs_of(key) == {0, 1, 2, 3}
+        assert db.runs_of(dataclasses.replace(key, code="2")) == set()
+    with Store(tmp_path / "r.sqlite", read_only=True) as db:
+        assert db.keys() == [key]
+        found = db.results(key)
+        assert len(db.results(key, range(2)).records) == 2
+    assert found.settings == {"epoch": 150}
+    for field in dataclasses.fields(found.records):
+        one, other = getattr(found.records, field.name), getattr(results.records, field.name)
+        if field.name == "criteria":
+            assert vars(one).keys() == vars(other).keys()
+            np.testing.assert_array_equal(one.delta, other.delta)
+        else:
+            np.testing.assert_array_equal(one, other, err_msg=field.name)
+    assert found.summary.rms == results.summary.rms
+    assert not list(tmp_path.glob("*-wal"))  # closed properly, one file remains
+
+
+def test_latest_code_only(tmp_path, results, key):
+    with Store(tmp_path / "r.sqlite") as db:
+        for code in ("1", "2"):
+            db.add(dataclasses.replace(key, code=code), results.records)
+        (found,) = db.keys()
+        assert found.code == "2"
+        assert db.keys(tasks=["other"]) == db.keys(solvers=["other"]) == []
+
+
+def test_nothing_half_written(tmp_path, results, key):
+    """A row that fails takes the whole chunk with it."""
+    with Store(tmp_path / "r.sqlite") as db:
+        db._db.execute("CREATE TRIGGER full BEFORE INSERT ON runs WHEN new.run = 2 "
+                       "BEGIN SELECT RAISE(ABORT, 'database or disk is full'); END")  # fmt: skip
+        with pytest.raises(StoreError, match=r"r\.sqlite: the disk is full"):
+            db.add(key, results.records)
+        assert db.runs_of(key) == set()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"time,heading\n" * 1000, "not a results file"),
+        (b"SQLite format 3\0" + bytes(2000), "(not a results file|damaged)"),
+        (None, "no such directory, or no permission"),
+    ],
+)
+def test_what_is_no_results_file(tmp_path, content, message):
+    path = tmp_path / "r.sqlite" if content else tmp_path / "missing" / "r.sqlite"
+    if content:
+        path.write_bytes(content)
+    with pytest.raises(StoreError, match=message):
+        Store(path)
+    if content:
+        assert path.read_bytes() == content
+        with pytest.raises(StoreError, match=message):
+            Store(path, read_only=True)
+
+
+def test_full_device():
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    with pytest.raises(StoreError, match="/dev/full: "):
+        Store("/dev/full")
+
+
+def test_someone_elses_sqlite_and_other_schema(tmp_path):
+    path = tmp_path / "r.sqlite"
+    db = sqlite3.connect(path)
+    db.execute("CREATE TABLE prices (a)")
+    db.close()
+    with pytest.raises(StoreError, match="not a results file of sins-env"):
+        Store(path)
+    Store(tmp_path / "n.sqlite").close()
+    db = sqlite3.connect(tmp_path / "n.sqlite")
+    db.execute(f"PRAGMA user_version = {SCHEMA_VERSION + 1}")
+    db.close()
+    with pytest.raises(StoreError, match=f"schema {SCHEMA_VERSION + 1}; this version reads"):
+        Store(tmp_path / "n.sqlite")
+
+
+def test_missing_and_empty(tmp_path):
+    with pytest.raises(StoreError, match="no such results file"):
+        Store(tmp_path / "r.sqlite", read_only=True)
+    assert not (tmp_path / "r.sqlite").exists()
+    (tmp_path / "r.sqlite").touch()
+    with pytest.raises(StoreError, match="no results"):
+        Store(tmp_path / "r.sqlite", read_only=True)
+
+
+def test_locked(tmp_path, monkeypatch, results, key):
+    path = tmp_path / "r.sqlite"
+    Store(path).close()
+    monkeypatch.setattr(store, "BUSY_S", 0.05)
+    other = sqlite3.connect(path, isolation_level=None)
+    with Store(path) as db:
+        other.execute("BEGIN IMMEDIATE")
+        with pytest.raises(StoreError, match="locked by another program"):
+            db.add(key, results.records)
+        other.execute("ROLLBACK")
+        db.add(key, results.records)
+    other.close()
+
+
+def test_read_only_directory(tmp_path, results, key):
+    folder = tmp_path / "sealed"
+    folder.mkdir()
+    with Store(folder / "r.sqlite") as db:
+        db.add(key, results.records)
+    folder.chmod(0o555)
+    (folder / "r.sqlite").chmod(0o444)
+    try:
+        with Store(folder / "r.sqlite", read_only=True) as db:
+            assert len(db.results(key).records) == 4
+        if os.geteuid() == 0:
+            pytest.skip("root may write anywhere")
+        with pytest.raises(StoreError, match=r"cannot be (written|opened)"):
+            Store(folder / "r.sqlite")
+        with pytest.raises(StoreError, match="cannot be opened"):
+            Store(folder / "n.sqlite")
+    finally:
+        folder.chmod(0o755)
+
+
+def test_damaged_row(tmp_path, results, key):
+    with Store(tmp_path / "r.sqlite") as db:
+        db.add(key, results.records)
+        db._db.execute("UPDATE runs SET history = x'00' WHERE run = 1")
+        with pytest.raises(StoreError, match="damaged"):
+            db.results(key)
+
+
+def test_settings_must_be_json():
+    assert canonical({"b": 1, "a": [2, "x"]}) == '{"a": [2, "x"], "b": 1}'
+    with pytest.raises(ValueError, match="allowed in a results file"):
+        canonical({"a": {1}})
+
+
+_WRITER = """
+import sys
+import numpy as np
+from sins_env.evaluation.scoring import Criteria, score
+from sins_env.evaluation.store import Key, Store
+criteria = Criteria(0.1, 50, 0, np.ones(3), np.ones(3), 1.0)
+key = Key.of("sway-white-v0", "s", sys.argv[2], {}, "1")
+for run in range(40):
+    records = score(np.full((1, 50, 3), 0.5), None, criteria)
+    records.run[0] = run
+    with Store(sys.argv[1]) as db:
+        db.add(key, records)
+"""
+
+
+def test_many_writers_at_once(tmp_path):
+    """Opening, creating and writing at the same time loses nothing."""
+    path = tmp_path / "r.sqlite"
+    command = [sys.executable, "-c", _WRITER, str(path)]
+    writers = [subprocess.Popen([*command, name], stderr=subprocess.PIPE) for name in ("a", "b", "a")]
+    assert [writer.communicate()[1] for writer in writers] == [b"", b"", b""]
+    with Store(path, read_only=True) as db:
+        assert sorted((key.solver, len(db.runs_of(key))) for key in list(db.keys())) == [("a", 40), ("b", 40)]
