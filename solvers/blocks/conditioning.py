@@ -9,7 +9,6 @@ Where rounding makes the result indefinite, the next square root repairs it and 
 from __future__ import annotations
 
 import math
-from typing import cast
 
 import numpy as np
 
@@ -60,10 +59,12 @@ def _squared(inverse: Array, residual: Array) -> Array:
 def _inverse_root(S: Array) -> tuple[Array, Mask | None]:
     """L^-1 with S = L L'; a direction that is known exactly (zero row of S) gets zero, hence no gain."""
     L, repaired = cholesky(S)
-    try:
-        return cast(Array, np.linalg.inv(L)), repaired
-    except np.linalg.LinAlgError:
-        known = np.diagonal(L, axis1=-2, axis2=-1) == 0.0
-        free = ~(known[..., :, None] | known[..., None, :])
-        regular = np.where(known[..., None] & np.eye(S.shape[-1], dtype=bool), 1.0, L)
-        return np.linalg.inv(regular) * free, repaired
+    pivots = np.diagonal(L, axis1=-2, axis2=-1)
+    reciprocal = np.divide(1.0, pivots, out=np.zeros(pivots.shape), where=pivots != 0.0)
+    inverse = np.zeros(L.shape)
+    for i in range(L.shape[-1]):  # forward substitution: a loop over the few rows, for all runs at once
+        inverse[..., i, i] = reciprocal[..., i]
+        if i:
+            row = (L[..., i : i + 1, :i] @ inverse[..., :i, :i])[..., 0, :]
+            inverse[..., i, :i] = -reciprocal[..., i, None] * row
+    return inverse, repaired

@@ -63,9 +63,7 @@ class SigmaPoints:
     def transform(self, g: Function, x: Gaussian) -> tuple[Gaussian, Mask | None]:
         p = points(self.rule, x.mean.shape[-1])
         S, repaired = ROOTS[self.root](x.cov)
-        chi = p.xi @ S.mT
-        chi += x.mean[..., None, :]  # in place: a second array of this size costs more than the sum
-        mean, cov, _ = _weigh(g(chi), p)
+        mean, cov, _ = _weigh(g(draw(x.mean, S, p)), p)
         return Gaussian(mean, cov), repaired
 
     def moments(self, g: Function, x: Gaussian) -> tuple[Moments, Mask | None]:
@@ -75,6 +73,23 @@ class SigmaPoints:
         mean, cov, spread = _weigh(g(deviation + x.mean[..., None, :]), p)
         outer = deviation[..., 1:, :] if p.centre else deviation
         return Moments(mean, cov, _product(outer, spread, p)), repaired
+
+
+def draw(mean: Array, S: Array, p: Points) -> Array:
+    """The points mean + S xi, shape (..., points, n)."""
+    x = mean[..., None, :]
+    if p.radius is None:
+        chi = p.xi @ S.mT
+        chi += x  # in place: a second array of this size costs more than the sum
+        return chi
+    n, first = mean.shape[-1], int(p.centre)
+    step = p.radius * S.mT
+    chi = np.empty((*mean.shape[:-1], len(p.xi), n))
+    if p.centre:
+        chi[..., 0, :] = mean
+    np.add(x, step, out=chi[..., first : first + n, :])
+    np.subtract(x, step, out=chi[..., first + n :, :])
+    return chi
 
 
 def _weigh(y: Array, p: Points) -> tuple[Array, Array, Array]:

@@ -33,6 +33,7 @@ class Points(NamedTuple):
     total: float  #: sum of the outer weights
     pull: float  #: factor of e e'; not used without a centre
     equal: float | None  #: the weight of every outer point, None if they differ
+    radius: float | None = None  #: outer points at +- this distance on the axes, in their order; None: elsewhere
 
 
 class PointRule(Hashable, Protocol):
@@ -56,7 +57,7 @@ class Cubature:
 
     def build(self, n: int) -> Points:
         w = np.full(2 * n, 0.5 / n)
-        return Points(math.sqrt(n) * _axes(n), w, w, centre=False, total=1.0, pull=0.0, equal=0.5 / n)
+        return Points(math.sqrt(n) * _axes(n), w, w, centre=False, total=1.0, pull=0.0, equal=0.5 / n, radius=math.sqrt(n))
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class Unscented:
         wc = wm.copy()
         wc[0] += 1.0 - self.alpha**2 + self.beta
         pull = self.beta + self.alpha**2 * self.kappa / n  # = wc[0] + total - 2 + 1 / total, not cancelled
-        return Points(xi, wm, wc, centre=True, total=n / c, pull=pull, equal=0.5 / c)
+        return Points(xi, wm, wc, centre=True, total=n / c, pull=pull, equal=0.5 / c, radius=math.sqrt(c))
 
 
 def _axes(n: int) -> Array:

@@ -69,9 +69,9 @@ def test_told_process_noise_and_thesis_prior():
     step = [np.radians(0.01 / 3600) ** 2] * 3 + [(5e-4 * 9.80665) ** 2] * 3  # added 100 times a second
     assert_allclose(np.diag(thesis.Q)[:6], 10 * np.array(step), rtol=1e-9)
     assert_allclose(np.diag(thesis.R)[:3], 0.01)
-    markov = make(imu="thesis-markov").task.prior
-    assert markov.gyro_bias_std_deg_h == pytest.approx(np.hypot(0.02, 0.1))
-    assert markov.accel_bias_std_ug == pytest.approx(np.hypot(100, 100))
+    spec = {"gyro_bias_deg_h": 3.0, "gyro_markov_deg_h": 4.0, "accel_bias_ug": 5.0, "accel_markov_ug": 12.0}
+    markov = make(imu=spec).task.prior
+    assert (markov.gyro_bias_std_deg_h, markov.accel_bias_std_ug) == (5.0, 13.0)  # constant plus stationary
 
 
 @pytest.mark.parametrize("rows", [None, 3])
