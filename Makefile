@@ -10,9 +10,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 .PHONY: board test check lint types tests bench clean
 
 board: $(STAMP)  ## four filters align a swaying SINS: ranked table and figure
-	$(BIN)/sins-env eval --task sway-white-v0 --solver kf ekf ukf ckf --runs 100 --db results.sqlite --resume
-	$(BIN)/sins-env board --db results.sqlite --plot board.png
-	@echo "figure: board.png"
+	$(BIN)/sins-env eval --task sway-white-v0 --solver kf ekf ukf ckf --runs 100 --db results.sqlite --resume --plot board.png
 
 test: $(STAMP)  ## every test
 	$(BIN)/python -m pytest -n 2

@@ -1,6 +1,6 @@
 """Your own estimator: gyro dead reckoning from the told attitude, checked, run, and put beside the cubature Kalman filter.
 
-    sins-env eval --task sway-white-v0 --solver examples.custom_estimator:DeadReckoning ckf --runs 20
+sins-env eval --task sway-white-v0 --solver examples.custom_estimator:DeadReckoning ckf --runs 20
 """
 
 import numpy as np

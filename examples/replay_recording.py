@@ -23,4 +23,6 @@ else:
         obs, _, _, truncated, info = env.step(solver.step(obs))
         if t % 30 < 0.05:
             level, azimuth = np.split(np.degrees(info["errors"]["phi"]), [2])
-            print(f"t = {t:5.1f} s   heading off the reference by {azimuth[0]:+8.3f} deg, level by {abs(level).max():.4f} deg")
+            print(
+                f"t = {t:5.1f} s   heading off the reference by {azimuth[0]:+8.3f} deg, level by {abs(level).max():.4f} deg"
+            )

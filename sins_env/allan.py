@@ -43,9 +43,7 @@ def allan_deviation(increments: Array, dt: float, taus: Array | None = None) -> 
         taus = dt * np.logspace(0.0, decades, 1 + int(PER_DECADE * decades))
     m = np.unique(np.maximum(np.rint(np.asarray(taus) / dt).astype(np.int64), 1))
     if 2 * m[-1] > count:
-        raise ValueError(
-            f"averaging time {m[-1] * dt:g} s; allowed: up to half the record, {count * dt / 2:g} s"
-        )
+        raise ValueError(f"averaging time {m[-1] * dt:g} s; allowed: up to half the record, {count * dt / 2:g} s")
     total = np.zeros((*increments.shape[:-2], count + 1, increments.shape[-1]))
     np.cumsum(increments, axis=-2, out=total[..., 1:, :])
     adev = np.empty((*increments.shape[:-2], len(m), increments.shape[-1]))

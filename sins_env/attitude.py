@@ -151,9 +151,7 @@ def to_euler(C: Array) -> tuple[Array, Array, Array]:
     level = np.hypot(C[..., 0, 1], C[..., 1, 1])
     pitch = np.arctan2(C[..., 2, 1], level)
     regular = level > 1e-9
-    heading = np.where(
-        regular, np.arctan2(C[..., 0, 1], C[..., 1, 1]), np.arctan2(-C[..., 1, 0], C[..., 0, 0])
-    )
+    heading = np.where(regular, np.arctan2(C[..., 0, 1], C[..., 1, 1]), np.arctan2(-C[..., 1, 0], C[..., 0, 0]))
     roll = np.where(regular, np.arctan2(-C[..., 2, 0], C[..., 2, 2]), 0.0)
     return heading, pitch, roll
 

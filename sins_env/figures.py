@@ -87,9 +87,7 @@ def _cut(recording: Recording, window: tuple[float, float] | None) -> tuple[Arra
     missing = np.flatnonzero(np.isnan(dtheta[:, 0]))
     if len(missing):
         at = start + missing[0] / recording.rate_hz
-        raise ValueError(
-            f"{recording.name}: IMU samples are missing from {at:g} s on; allowed: windows without a gap"
-        )
+        raise ValueError(f"{recording.name}: IMU samples are missing from {at:g} s on; allowed: windows without a gap")
     return dtheta, dvel
 
 

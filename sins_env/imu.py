@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from sins_env.specs import ARCSEC, DEG_PER_H, PPM, UG, ImuSpec
 
@@ -43,6 +42,8 @@ class GaussMarkov:
         """The bias in force during each of the next ``count`` samples, (runs, count, 3)."""
         eta = standard_normal(self._rngs, (count, 3))
         eta *= self._drive
+        from scipy.signal import lfilter  # a second of import time, needed by Gauss-Markov biases only
+
         y, _ = lfilter([1.0], [1.0, -self._a], eta, axis=1, zi=self._a * self._x[:, None])
         out = np.concatenate([self._x[:, None], y[:, :-1]], axis=1)
         self._x = y[:, -1]
@@ -53,7 +54,13 @@ class _Triad:
     """Three like sensors: out = (I + scale and misalignment) true + (bias + Markov) dt + white, then quantised."""
 
     def __init__(
-        self, bias: float, white: float, markov: GaussMarkov | None, coupling: tuple[float, float], lsb: float, dt: float
+        self,
+        bias: float,
+        white: float,
+        markov: GaussMarkov | None,
+        coupling: tuple[float, float],
+        lsb: float,
+        dt: float,
     ) -> None:
         self.bias_sigma, self.white, self.markov, self.lsb, self.dt = bias, white, markov, lsb, dt
         self._scale, self._misalignment = coupling

@@ -151,9 +151,7 @@ class _File:
         raw = self.arrays[key]
         if raw.dtype.kind not in "iuf":
             raise ValueError(f"{self.path}: {key} holds {raw.dtype}; allowed: numbers")
-        fits = raw.ndim == len(shape) and all(
-            n == (want or n) for n, want in zip(raw.shape, shape, strict=True)
-        )
+        fits = raw.ndim == len(shape) and all(n == (want or n) for n, want in zip(raw.shape, shape, strict=True))
         if not fits or raw.size == 0:
             allowed = ", ".join("any length" if n is None else str(n) for n in shape)
             raise ValueError(f"{self.path}: {key} has shape {raw.shape}; allowed: ({allowed})")
@@ -193,9 +191,7 @@ def _counts(file: _File, layout: Layout) -> Recording:
     place = np.array([[file.scalar(key) for key in ("lat_deg", "lon_deg", "h_m")]])
     site = _site(file.geodetic("lat_deg, lon_deg, h_m", place)[0])
     rate, t0 = file.scalar("fs_hz", positive=True), file.scalar("t0_s")
-    return Recording(
-        file.path.stem, rate, t0, _frozen(dtheta), _frozen(dvel), site, reference=_reference(file, turn)
-    )
+    return Recording(file.path.stem, rate, t0, _frozen(dtheta), _frozen(dvel), site, reference=_reference(file, turn))
 
 
 def _increments(file: _File, layout: Layout) -> Recording:
@@ -229,13 +225,9 @@ def _sample_index(path: Path, tags: Array, rate: float) -> NDArray[np.int64]:
     index = np.rint((tags - tags[0]) * rate).astype(np.int64)
     back = np.flatnonzero(np.diff(index) < 1)
     if len(back):
-        raise ValueError(
-            f"{path}: imu_t_s does not increase by one sample of {rate:g} Hz at sample {back[0] + 1}"
-        )
+        raise ValueError(f"{path}: imu_t_s does not increase by one sample of {rate:g} Hz at sample {back[0] + 1}")
     if index[-1] >= 2 * len(tags):
-        raise ValueError(
-            f"{path}: imu_t_s spans {index[-1] + 1} samples of {rate:g} Hz; only {len(tags)} are there"
-        )
+        raise ValueError(f"{path}: imu_t_s spans {index[-1] + 1} samples of {rate:g} Hz; only {len(tags)} are there")
     return index
 
 

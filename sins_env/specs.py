@@ -308,7 +308,9 @@ def _resolve(given: Any, cls: type[S], presets: Mapping[str, S], base: str) -> S
             raise unknown(kind, given, presets)
         return presets[given]
     if not isinstance(given, Mapping):
-        raise ValueError(f"{kind}: {given!r}; allowed: a preset's name, a dict of {cls.__name__} fields, a {cls.__name__}")
+        raise ValueError(
+            f"{kind}: {given!r}; allowed: a preset's name, a dict of {cls.__name__} fields, a {cls.__name__}"
+        )
     settings = dict(given)
     start = presets.get(str(settings.get("preset", base)))
     if start is None:

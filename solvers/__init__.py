@@ -10,7 +10,6 @@ The bare filters are in :mod:`solvers.filters`, the contract in :mod:`solvers.ty
 from __future__ import annotations
 
 import inspect
-from dataclasses import fields
 from typing import Any
 
 from sins_env.errors import unknown
@@ -27,25 +26,35 @@ def names() -> list[str]:
     return sorted([*filters.names(), *_COARSE])
 
 
-def make(name: str, **settings: Any) -> Estimator:
+def settings(name: str) -> list[inspect.Parameter]:
+    """What :func:`make` takes for ``name``, with defaults: the filter's own settings, then the pipeline's."""
+    if name in _COARSE:
+        return list(inspect.signature(_COARSE[name]).parameters.values())
+    own = inspect.signature(filters.FILTERS[name]).parameters.values()
+    pipeline = inspect.signature(Aligner).parameters
+    return [p.replace(kind=p.KEYWORD_ONLY) for p in (*own, *(pipeline[key] for key in _PIPELINE))]
+
+
+def describe(name: str) -> str:
+    """The docstring of the filter or estimator ``name``."""
+    return inspect.getdoc(_COARSE.get(name) or filters.FILTERS[name]) or ""
+
+
+def make(name: str, **given: Any) -> Estimator:
     """The estimator ``name``: the alignment pipeline around that filter.
 
-    ``settings`` are those of the pipeline (``model bias_frame feedback coarse``) and of the filter.
+    The settings given are those of the pipeline (``model bias_frame feedback coarse``) and of the filter.
 
     Raises:
         ValueError: an unknown name or setting, with the nearest valid one.
     """
-    if name in _COARSE:
-        allowed = tuple(inspect.signature(_COARSE[name]).parameters)
-        for key in settings:
-            if key not in allowed:
-                raise unknown(f"setting of {name}", key, allowed)
-        return _COARSE[name](**settings)
-    if name not in filters.names():
+    if name not in names():
         raise unknown("solver", name, names())
-    allowed = [*_PIPELINE, *(f.name for f in fields(filters.FILTERS[name]))]
-    for key in settings:
+    allowed = [p.name for p in settings(name)]
+    for key in given:
         if key not in allowed:
             raise unknown(f"setting of {name}", key, allowed)
-    pipeline = {key: settings.pop(key) for key in _PIPELINE if key in settings}
-    return Aligner(filters.make_filter(name, **settings), **pipeline)
+    if name in _COARSE:
+        return _COARSE[name](**given)
+    pipeline = {key: given.pop(key) for key in _PIPELINE if key in given}
+    return Aligner(filters.make_filter(name, **given), **pipeline)

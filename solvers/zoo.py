@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import inspect
 from functools import partial
 
 import solvers
-from sins_env.types import Estimator
 
 
-def __getattr__(name: str) -> Callable[..., Estimator]:
-    if name in solvers.names():
-        return partial(solvers.make, name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+def __getattr__(name: str) -> partial[solvers.Estimator]:
+    if name not in solvers.names():
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    factory = partial(solvers.make, name)
+    factory.__doc__ = solvers.describe(name)
+    factory.__signature__ = inspect.Signature(solvers.settings(name))  # type: ignore[attr-defined]
+    return factory

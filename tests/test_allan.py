@@ -76,9 +76,7 @@ def test_every_preset_meets_its_datasheet(name, sensor):
     deviation = (np.mean(measured**2, axis=0) - expected**2) / error
     assert np.abs(deviation).max() < 3
     slopes = np.diff(np.log(measured), axis=1) / np.diff(np.log(TAUS))
-    if not (
-        spec.accel_lsb_mps and sensor == 1
-    ):  # there each record's slope hangs on its own bias: no mean slope
+    if not (spec.accel_lsb_mps and sensor == 1):  # there each record's slope hangs on its own bias: no mean slope
         slope_error = np.std(slopes, axis=0) / np.sqrt(len(slopes))
         bias_of_log = np.diff(-0.5 * np.var(measured, axis=0) / np.mean(measured, axis=0) ** 2)
         expected_slopes = (np.diff(np.log(expected)) + bias_of_log) / np.diff(np.log(TAUS))

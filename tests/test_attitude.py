@@ -56,9 +56,7 @@ def test_from_dcm_where_a_naive_formula_divides_by_zero(axis, angle):
 def test_from_rotvec_against_scipy(size):
     rotvec = size * np.array([0.36, -0.48, 0.8])
     same_rotation(attitude.from_rotvec(rotvec), Rotation.from_rotvec(rotvec).as_quat(scalar_first=True))
-    assert_allclose(
-        attitude.from_rotvec(rotvec)[1:], np.sin(size / 2) * np.array([0.36, -0.48, 0.8]), rtol=1e-14
-    )
+    assert_allclose(attitude.from_rotvec(rotvec)[1:], np.sin(size / 2) * np.array([0.36, -0.48, 0.8]), rtol=1e-14)
 
 
 def test_nose_points_east_at_heading_90():
@@ -101,9 +99,7 @@ def test_euler_at_the_singularity_keeps_the_rotation(pitch, psi):
 
 
 def test_wrap():
-    assert_allclose(
-        attitude.wrap(np.array([-np.pi, np.pi, 3.5 * np.pi, 0.1])), [-np.pi, -np.pi, -np.pi / 2, 0.1]
-    )
+    assert_allclose(attitude.wrap(np.array([-np.pi, np.pi, 3.5 * np.pi, 0.1])), [-np.pi, -np.pi, -np.pi / 2, 0.1])
 
 
 def test_skew():

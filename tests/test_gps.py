@@ -73,9 +73,7 @@ def test_rates(rate, every):
     assert not pos[:, missing].any()
 
 
-@pytest.mark.parametrize(
-    ("rate", "near"), [(3.0, "3.33333 Hz"), (20.0, "10 Hz"), (7.0, "10 Hz"), (1.01, "1 Hz")]
-)
+@pytest.mark.parametrize(("rate", "near"), [(3.0, "3.33333 Hz"), (20.0, "10 Hz"), (7.0, "10 Hz"), (1.01, "1 Hz")])
 def test_rates_that_do_not_fit(rate, near):
     with pytest.raises(ValueError, match=f"GPS rate {rate:g} Hz with epochs of 0.1 s.*for instance {near}"):
         epochs_per_fix(GpsSpec(rate_hz=rate), EPOCH)

@@ -70,9 +70,7 @@ def test_gauss_markov_driving_noise_has_the_exact_variance():
     std_within(drive, np.sqrt(1 - np.exp(-2 * dt / T)), drive.size)
 
 
-@pytest.mark.parametrize(
-    "spec", [EVERYTHING, ImuSpec(arw_deg_sqrt_h=0.01), ImuSpec()], ids=["all", "white", "none"]
-)
+@pytest.mark.parametrize("spec", [EVERYTHING, ImuSpec(arw_deg_sqrt_h=0.01), ImuSpec()], ids=["all", "white", "none"])
 def test_errors_do_not_depend_on_chunks(spec):
     true = np.random.default_rng(5).standard_normal((2, 2, 60, 3, 3)) * [[[[1e-3]]], [[[0.03]]]]
     whole = Imu(spec, 0.01)

@@ -44,9 +44,12 @@ def test_shell_line_runs(line, tmp_path):
     if "--runs" in words:
         words[words.index("--runs") + 1] = "2"
     elif words[1] == "board":
-        prepare = "eval --task sway-white-v0 --solver ekf ckf --runs 2".split()
+        prepare = ["eval", "--task", "sway-white-v0", "--solver", "ekf", "ckf", "--runs", "2"]
         subprocess.run([command(), *prepare], cwd=tmp_path, check=True, capture_output=True, timeout=300)
-    if any(".npz" in word for word in words) and not (Path(os.environ["SINS_ENV_DATA"]) / "rlg_parked_car.npz").exists():
+    if (
+        any(".npz" in word for word in words)
+        and not (Path(os.environ["SINS_ENV_DATA"]) / "rlg_parked_car.npz").exists()
+    ):
         pytest.skip("the recording rlg_parked_car.npz is not in $SINS_ENV_DATA (the project's ../shared/data)")
     if "rlg-car-v0" in words and not (Path(os.environ["SINS_ENV_DATA"]) / "rlg_parked_car.npz").exists():
         pytest.skip("the recording rlg_parked_car.npz is not in $SINS_ENV_DATA (the project's ../shared/data)")

@@ -148,9 +148,7 @@ def test_unknown_layout_names_the_keys_that_are_missing(tmp_path):
     with pytest.raises(ValueError, match=r"nearest is 'counts', but keys are missing: gyro_lsb_rad$"):
         load(path)
     path = files.increments(tmp_path / "drive.npz", imu_t_s=None, dvel_mps=None)
-    with pytest.raises(
-        ValueError, match=r"nearest is 'increments', but keys are missing: dvel_mps, imu_t_s$"
-    ):
+    with pytest.raises(ValueError, match=r"nearest is 'increments', but keys are missing: dvel_mps, imu_t_s$"):
         load(path)
     np.savez(tmp_path / "empty.npz")
     with pytest.raises(ValueError, match="not a known layout"):

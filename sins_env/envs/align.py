@@ -46,8 +46,8 @@ class AlignEnv(gymnasium.Env[Obs, Array]):
     def __init__(self, render_mode: str | None = None, *, reveal_truth: bool = False, **settings: Any) -> None:
         self.render_mode = _check_render_mode(render_mode)
         self.episode = Episode(type(self).world(**settings), reveal_truth)
-        self.observation_space = observation_space(self.task.n_sub)
-        self.action_space = attitude_action_space()
+        self.observation_space = observation_space(self.task.n_sub)  # type: ignore[assignment]  # spaces are invariant
+        self.action_space = attitude_action_space()  # type: ignore[assignment]
         self._renderer = Renderer(self.task) if render_mode else None
 
     @property
@@ -71,11 +71,11 @@ class AlignEnv(gymnasium.Env[Obs, Array]):
             self._renderer.add(t, action, row["errors"]["phi"], row["failed"])
         return _first(obs), float(reward[0]), False, over, row
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         return self._renderer.draw() if self._renderer else None
 
 
-class AlignVectorEnv(VectorEnv[Obs, Array, Array]):
+class AlignVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
     """``num_envs`` episodes in lockstep, computed as one batch; row i equals the single environment with row i's seed."""
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
@@ -106,7 +106,7 @@ class AlignVectorEnv(VectorEnv[Obs, Array, Array]):
         """What an estimator may know; ``start`` has a run axis here."""
         return self.episode.task
 
-    def reset(  # type: ignore[override]
+    def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Obs, dict[str, Any]]:
         if seed is None or isinstance(seed, (int, np.integer)):
@@ -138,7 +138,7 @@ class AlignVectorEnv(VectorEnv[Obs, Array, Array]):
             self._renderer.add(t, actions[0], info["errors"]["phi"][0], bool(info["failed"][0]))
         return obs, reward, no, np.full(self.num_envs, self._over), self._with_masks(info)
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Row 0 only: the rows of a batch are for scores, not for looking at."""
         return (self._renderer.draw(),) if self._renderer else None
 

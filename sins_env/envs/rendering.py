@@ -52,19 +52,31 @@ class Renderer:
         C = attitude.to_dcm(self._q)
         corners = np.array([[-0.5, -1, 0], [0.5, -1, 0], [0.5, 0.6, 0], [0, 1, 0], [-0.5, 0.6, 0], [-0.5, -1, 0]]) @ C.T
         base.plot(*corners.T, color="tab:blue", lw=2)
-        for axis, name, color in zip(C.T, ("right", "forward", "up"), ("tab:green", "tab:red", "tab:gray"), strict=True):
+        for axis, name, color in zip(
+            C.T, ("right", "forward", "up"), ("tab:green", "tab:red", "tab:gray"), strict=True
+        ):
             base.plot(*np.stack([np.zeros(3), 0.9 * axis]).T, color=color)
             base.text(*axis, name, color=color, ha="center")
-        base.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1), xlabel="East", ylabel="North", zlabel="Up")
+        base.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1), xlabel="East", ylabel="North")
+        base.set(xticks=[-1, 0, 1], yticks=[-1, 0, 1], zticks=[], xticklabels=[], yticklabels=[])
+        base.set_box_aspect(None, zoom=0.9)
         heading, pitch, roll = (math.degrees(float(a)) for a in attitude.to_euler(C))
-        base.set_title(f"estimate: heading {heading % 360:.2f}, pitch {pitch:+.2f}, roll {roll:+.2f} deg", fontsize=9)
+        base.set_title(f"heading {heading % 360:.2f}\npitch {pitch:+.2f}  roll {roll:+.2f} deg", fontsize=9)
         errors = figure.add_subplot(grid[1])
         phi = np.abs(np.array(self._phi).reshape(-1, 3)) / ARCSEC
-        for values, name, color in zip(phi.T, ("E", "N", "U (azimuth)"), ("tab:green", "tab:olive", "tab:blue"), strict=True):
+        for values, name, color in zip(
+            phi.T, ("E", "N", "U (azimuth)"), ("tab:green", "tab:olive", "tab:blue"), strict=True
+        ):
             errors.plot(self._t, np.maximum(values, 1e-2), label=name, color=color, lw=1)
         for value, color in zip(sensor_floor(self._task), ("tab:olive", "tab:blue"), strict=True):
             errors.axhline(value / ARCSEC, color=color, ls="--", lw=0.8)
-        errors.set(xlabel="time, s", ylabel="|misalignment|, arcsec", yscale="log", xlim=(0, self._task.duration_s), ylim=(1, 7e5))
+        errors.set(
+            xlabel="time, s",
+            ylabel="|misalignment|, arcsec",
+            yscale="log",
+            xlim=(0, self._task.duration_s),
+            ylim=(1, 7e5),
+        )
         errors.set_title("errors; dashed: what the told biases leave (1 sigma)", fontsize=9)
         errors.grid(alpha=0.3)
         errors.legend(loc="upper right", fontsize=8)

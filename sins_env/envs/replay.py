@@ -140,9 +140,7 @@ class ReplaySettings:
                 "outages_s or jump_mps in a replay; allowed: in a simulation only, the fixes here are real"
             )
         if gnss is not None and not math.isclose(spec.rate_hz, base.rate_hz):
-            raise ValueError(
-                f"GpsSpec.rate_hz = {spec.rate_hz:g}; allowed: {base.rate_hz:g}, the recording's own"
-            )
+            raise ValueError(f"GpsSpec.rate_hz = {spec.rate_hz:g}; allowed: {base.rate_hz:g}, the recording's own")
         return spec
 
 
@@ -154,9 +152,7 @@ class ReplayWorld(ChunkedWorld):
         self.recording = recordings.load(settings.recording)
         self.scored = self.recording.reference is not None
         if settings.start == "told" and not self.scored:
-            raise ValueError(
-                "start = 'told'; allowed: 'unknown', the recording has no reference to start from"
-            )
+            raise ValueError("start = 'told'; allowed: 'unknown', the recording has no reference to start from")
         self.n_sub = settings.samples_per_epoch(self.recording.rate_hz)
         told, coarse = settings.start == "told", settings.coarse or 0.0
         self.windows = Windows(
@@ -178,16 +174,12 @@ class ReplayWorld(ChunkedWorld):
             prior=prior,
         )
 
-    def reset(
-        self, rngs: Sequence[np.random.Generator], options: dict[str, Any]
-    ) -> tuple[NavState, NavState | None]:
+    def reset(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> tuple[NavState, NavState | None]:
         for key in options:
             if key != "window":
                 raise unknown("reset option", key, ("window",))
         streams = [rng.spawn(2) for rng in rngs]  # window, start
-        self._first_samples = self.windows.first_samples[
-            self._pick(options.get("window"), [s[0] for s in streams])
-        ]
+        self._first_samples = self.windows.first_samples[self._pick(options.get("window"), [s[0] for s in streams])]
         self._rewind()
         truth = NavState(*(part[:, 0] for part in self._truth(self._times(0, 1))))
         if self.settings.start == "unknown":
@@ -205,9 +197,7 @@ class ReplayWorld(ChunkedWorld):
         index = index + np.arange(len(rngs)) if index.ndim == 0 else index
         if index.min() < 0 or index.max() >= count:
             bad = int(index[(index < 0) | (index >= count)][0])
-            raise ValueError(
-                f"window {bad} does not exist; allowed: 0 to {count - 1}, for {len(rngs)} runs one each"
-            )
+            raise ValueError(f"window {bad} does not exist; allowed: 0 to {count - 1}, for {len(rngs)} runs one each")
         return index
 
     def _times(self, first: int, count: int) -> Array:

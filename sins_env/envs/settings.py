@@ -70,7 +70,9 @@ class AlignSettings:
         if self.duration is None:
             set_(self, "duration", 360.0 + self.coarse_s)
         if told and self.coarse:
-            raise ValueError(f"coarse = {self.coarse!r} with start = 'told'; allowed: 0, a told start needs no coarse phase")
+            raise ValueError(
+                f"coarse = {self.coarse!r} with start = 'told'; allowed: 0, a told start needs no coarse phase"
+            )
         if self.n_sub % 1 or self.n_sub < 1:
             raise ValueError(f"n_sub = {self.n_sub!r}; allowed: a whole number of IMU samples per epoch, at least 1")
         check_timing(self.epoch, self.duration_s, self.coarse_s)

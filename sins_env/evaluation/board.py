@@ -167,9 +167,7 @@ def _footer(results: Sequence[Results]) -> str:
 
 def as_json(results: Iterable[Results]) -> str:
     """A list of objects with the keys of evaluation.md section 4; what is not known or infinite is null."""
-    return json.dumps(
-        [_entry(one) for group in by_task(results).values() for _, one in ranked(group)], indent=2
-    )
+    return json.dumps([_entry(one) for group in by_task(results).values() for _, one in ranked(group)], indent=2)
 
 
 def _entry(one: Results) -> dict[str, Any]:

@@ -51,15 +51,11 @@ class _World:
     def one(self, run: int) -> tuple[types.Task, list[Obs]]:
         """A run without a run axis."""
         start = self.task.start and types.NavState(*(part[run].copy() for part in self.task.start))
-        return replace(self.task, start=start), [
-            {n: v[run].copy() for n, v in o.items()} for o in self.observations
-        ]
+        return replace(self.task, start=start), [{n: v[run].copy() for n, v in o.items()} for o in self.observations]
 
     def all(self) -> tuple[types.Task, list[Obs]]:
         start = self.task.start and types.NavState(*(part.copy() for part in self.task.start))
-        return replace(self.task, start=start), [
-            {n: v.copy() for n, v in o.items()} for o in self.observations
-        ]
+        return replace(self.task, start=start), [{n: v.copy() for n, v in o.items()} for o in self.observations]
 
 
 def _rng(run: int) -> np.random.Generator:
@@ -80,9 +76,7 @@ class _Checker:
     def batched(self) -> bool:
         return bool(self.make().batched)
 
-    def drive(
-        self, estimator: Any, task: types.Task, observations: Sequence[Obs], runs: int | None = None
-    ) -> Array:
+    def drive(self, estimator: Any, task: types.Task, observations: Sequence[Obs], runs: int | None = None) -> Array:
         """Actions (K, 4), or (K, runs, 4)."""
         rng: Any = _rng(0) if runs is None else [_rng(run) for run in range(runs)]
         estimator.reset(task, rng, runs or 1)
@@ -185,9 +179,7 @@ class _Checker:
             copy = pickle.loads(pickle.dumps(self.make()))
         except Exception as error:
             raise _Bad(f"{type(error).__name__}: {error}") from error
-        return self._same(
-            self.alone, self.drive(copy, *self.told.one(0)), "an estimator and its pickled copy"
-        )
+        return self._same(self.alone, self.drive(copy, *self.told.one(0)), "an estimator and its pickled copy")
 
     def covariance(self) -> str | None:
         """covariance, if any: (3, 3) rad^2, symmetric, positive"""
@@ -205,9 +197,7 @@ class _Checker:
             if not np.isfinite(P).all() or np.abs(P - np.swapaxes(P, -1, -2)).max() > 1e-9 * np.abs(P).max():
                 raise _Bad("not finite, or not symmetric")
             if np.linalg.eigvalsh(P).min() <= 0:
-                raise _Bad(
-                    f"not positive: its smallest eigenvalue is {np.linalg.eigvalsh(P).min():.3g} rad^2"
-                )
+                raise _Bad(f"not positive: its smallest eigenvalue is {np.linalg.eigvalsh(P).min():.3g} rad^2")
         return ""
 
     def _same(self, a: Array, b: Array, what: str) -> str:
@@ -227,9 +217,7 @@ class _Checker:
             name = (check.__doc__ or "").strip()
             try:
                 detail = check()
-                yield Check(
-                    name, None if detail is None else True, "does not apply" if detail is None else detail
-                )
+                yield Check(name, None if detail is None else True, "does not apply" if detail is None else detail)
             except _Bad as error:
                 yield Check(name, False, str(error))
             except Exception as error:

@@ -68,22 +68,16 @@ def parser() -> argparse.ArgumentParser:
     top = _Parser(prog="sins-env", description="Which filter aligns a strapdown inertial system fastest?")
     verbs = top.add_subparsers(dest="verb", metavar="VERB", parser_class=_Parser)
 
-    def verb(
-        name: str, go: Callable[[argparse.Namespace, Console], int], text: str
-    ) -> argparse.ArgumentParser:
+    def verb(name: str, go: Callable[[argparse.Namespace, Console], int], text: str) -> argparse.ArgumentParser:
         sub = verbs.add_parser(name, help=text, description=text)
         sub.set_defaults(go=go)
         return sub
 
     verb("list", commands.list_all, "environments, tasks, solvers and presets")
 
-    sub = verb(
-        "describe", commands.describe, "what is known of an environment, task, solver, preset or recording"
-    )
+    sub = verb("describe", commands.describe, "what is known of an environment, task, solver, preset or recording")
     sub.add_argument("name", metavar="NAME")
-    sub.add_argument(
-        "--allan", metavar="FILE", help="draw the Allan deviation of an IMU preset or a recording"
-    )
+    sub.add_argument("--allan", metavar="FILE", help="draw the Allan deviation of an IMU preset or a recording")
 
     sub = verb("run", commands.run, "one episode, with its final errors and a figure")
     sub.add_argument("task", metavar="TASK")
@@ -95,23 +89,15 @@ def parser() -> argparse.ArgumentParser:
     sub2 = verb("eval", commands.evaluate, "many runs of solvers on tasks, into a results file")
     _several(sub2, "--task", required=True, help="one task or several")
     _several(sub2, "--solver", required=True, help="names, or module:Factory")
-    sub2.add_argument(
-        "--runs", type=_count, default=100, metavar="N", help="default 100; a recording has its windows"
-    )
+    sub2.add_argument("--runs", type=_count, default=100, metavar="N", help="default 100; a recording has its windows")
     sub2.add_argument("--executor", default="processes", metavar="NAME", help="processes (default) or dask")
     sub2.add_argument("--workers", type=_count, metavar="N", help="default: one per core")
     sub2.add_argument("--chunk", type=_count, metavar="N", help="runs per batch (default 64 to 256)")
-    sub2.add_argument(
-        "--resume", action="store_true", help="keep the runs that are there, make those that are missing"
-    )
-    sub2.add_argument(
-        "--plot", metavar="FILE", help="draw errors over time and success against the threshold"
-    )
+    sub2.add_argument("--resume", action="store_true", help="keep the runs that are there, make those that are missing")
+    sub2.add_argument("--plot", metavar="FILE", help="draw errors over time and success against the threshold")
     for each in (sub, sub2):
         each.add_argument("--seed", type=_seed, metavar="N", help="of the suite (default: the task's own)")
-        each.add_argument(
-            "--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting"
-        )
+        each.add_argument("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting")
 
     sub = verb("board", commands.board, "the ranked table of a results file")
     _several(sub, "--task", help="these tasks only")
@@ -121,15 +107,11 @@ def parser() -> argparse.ArgumentParser:
         form.add_argument(f"--{name}", dest="form", action="store_const", const=name)
     sub.add_argument("--plot", metavar="FILE", help="draw errors over time and success against the threshold")
     for each in (sub, sub2):
-        each.add_argument(
-            "--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})"
-        )
+        each.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
 
     sub = verb("check", commands.check, "hold an estimator against the contract")
     sub.add_argument("solver", metavar="NAME|module:Factory")
-    sub.add_argument(
-        "--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting"
-    )
+    sub.add_argument("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting")
 
     sub = verb("bench", commands.bench, "speed of the whole chain and of its parts")
     sub.add_argument("solver", metavar="SOLVER", nargs="?", default="ckf")

@@ -109,12 +109,8 @@ def _run_table(given: Namespace, task: EvaluationTask, records: Records) -> Tabl
             f"{records.criteria.delta[j] / unit:g}{sign}",
             f"{time:.1f} s" if np.isfinite(time) else Text("not aligned", style="red"),
         )
-    coarse = (
-        f" after {records.criteria.coarse_s:g} s of coarse alignment" if records.criteria.coarse_s else ""
-    )
-    table.caption = (
-        f"{records.reason[0] or str(records.status[0])}; times from the start of the fine phase{coarse}"
-    )
+    coarse = f" after {records.criteria.coarse_s:g} s of coarse alignment" if records.criteria.coarse_s else ""
+    table.caption = f"{records.reason[0] or str(records.status[0])}; times from the start of the fine phase{coarse}"
     table.caption_justify = "left"
     return table
 
@@ -236,9 +232,7 @@ def check(given: Namespace, console: Console) -> int:
 
     def show(one: Check) -> None:
         detail = f"  [dim]{escape(one.detail)}[/]" if one.passed is not False else f"  {escape(one.detail)}"
-        console.print(
-            f"{marks[one.passed]}  {escape(one.name)}{detail if one.detail else ''}", highlight=False
-        )
+        console.print(f"{marks[one.passed]}  {escape(one.name)}{detail if one.detail else ''}", highlight=False)
 
     found = check_estimator(given.solver, dict(given.set), show)
     failed = sum(one.passed is False for one in found)

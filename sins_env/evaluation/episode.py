@@ -61,9 +61,7 @@ class _Guard:
         try:
             return getattr(self.estimator, name)(*args)
         except (Exception, SystemExit) as error:
-            raise EstimatorError(
-                f"{name} raised {type(error).__name__}: {' '.join(str(error).split())}"
-            ) from error
+            raise EstimatorError(f"{name} raised {type(error).__name__}: {' '.join(str(error).split())}") from error
 
     def reset(self, task: types.Task, rngs: Sequence[np.random.Generator]) -> None:
         if self.batched:
@@ -92,9 +90,7 @@ class _Guard:
         try:
             array = np.asarray(value, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise EstimatorError(
-                f"{name} returned a {type(value).__name__}; allowed: shape {expected}"
-            ) from error
+            raise EstimatorError(f"{name} returned a {type(value).__name__}; allowed: shape {expected}") from error
         if array.shape != expected:
             raise EstimatorError(f"{name} returned shape {array.shape}; allowed: {expected}")
         return array.reshape(self.num_runs, *shape)
@@ -110,9 +106,7 @@ class _Guard:
                 for name in ("repairs", "failed_at")
             )
         except (AttributeError, TypeError, ValueError) as error:
-            raise EstimatorError(
-                f"health returned {type(health).__name__} without repairs and failed_at"
-            ) from error
+            raise EstimatorError(f"health returned {type(health).__name__} without repairs and failed_at") from error
         return repairs, frozen
 
 
@@ -150,9 +144,7 @@ def _play_or_split(job: Job, estimator: Any, done: _Counter) -> Records:
         done.total = before
         middle = len(job.runs) // 2
         halves = [replace(job, runs=runs) for runs in (job.runs[:middle], job.runs[middle:])]
-        return Records.concat(
-            [_play_or_split(h, registry.make(job.solver, job.settings), done) for h in halves]
-        )
+        return Records.concat([_play_or_split(h, registry.make(job.solver, job.settings), done) for h in halves])
 
 
 def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer | None = None) -> Records:

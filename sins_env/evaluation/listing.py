@@ -112,9 +112,7 @@ def _task(task: EvaluationTask, console: Console) -> bool:
         "environment": f"{task.env_id} {dict(task.kwargs)}",
         "aligned": f"{task.thresholds} until the end, for {task.hold_s:g} s or more",
         "duration": f"{public.duration_s:g} s ({public.coarse_s:g} s coarse), {public.num_epochs} epochs",
-        "runs": f"up to {task.max_runs}, the windows of the recording"
-        if task.max_runs
-        else "as many as asked for",
+        "runs": f"up to {task.max_runs}, the windows of the recording" if task.max_runs else "as many as asked for",
         "suite": f"seed {task.suite_seed}, hash {suite_hash(task)}",
     }
     for name, text in rows.items():

@@ -34,9 +34,7 @@ def median_interval(times: Array) -> tuple[float, Interval]:
         [np.median(rng.choice(times, (count, len(times))), axis=1) for count in _batches(len(times))]
     )
     tail = 50 * (1 - CONFIDENCE)
-    low, high = np.percentile(
-        medians, [tail, 100 - tail], method="inverted_cdf"
-    )  # interpolation would make inf - inf
+    low, high = np.percentile(medians, [tail, 100 - tail], method="inverted_cdf")  # interpolation would make inf - inf
     return float(np.median(times)), (float(low), float(high))
 
 
@@ -56,9 +54,7 @@ def rms_interval(rms: Array) -> tuple[float, Interval]:
         return value, NO_INTERVAL
     if np.ptp(squares) <= 1e-12 * squares.max():
         return value, (value, value)
-    with (
-        warnings.catch_warnings()
-    ):  # BCa of very few runs may be degenerate; then the percentile interval stands
+    with warnings.catch_warnings():  # BCa of very few runs may be degenerate; then the percentile interval stands
         warnings.simplefilter("ignore")
         low, high = _bootstrap(squares, "BCa")
         if not (math.isfinite(low) and math.isfinite(high)):
@@ -226,9 +222,7 @@ def rms_band(history: NDArray[np.float32], resamples: int = 400) -> tuple[Array,
     """
     known = np.isfinite(history)
     squares = np.where(known, np.square(history, dtype=float), 0.0)
-    weights = np.random.default_rng(SEED).multinomial(
-        len(history), [1 / len(history)] * len(history), resamples
-    )
+    weights = np.random.default_rng(SEED).multinomial(len(history), [1 / len(history)] * len(history), resamples)
     with np.errstate(invalid="ignore", divide="ignore"):
         drawn = np.sqrt((weights @ squares) / (weights @ known.astype(float)))
         value = np.sqrt(squares.sum(axis=0) / known.sum(axis=0))

@@ -31,9 +31,7 @@ def solver_name(solver: Solver) -> str:
     """What a solver is called in tables: the name it was asked for, or module:name of a class or function."""
     if isinstance(solver, str):
         return solver
-    return (
-        f"{getattr(solver, '__module__', '?')}:{getattr(solver, '__qualname__', type(solver).__qualname__)}"
-    )
+    return f"{getattr(solver, '__module__', '?')}:{getattr(solver, '__qualname__', type(solver).__qualname__)}"
 
 
 def find(solver: Solver) -> Factory:
@@ -45,9 +43,7 @@ def find(solver: Solver) -> Factory:
     """
     if not isinstance(solver, str):
         if not callable(solver):
-            raise ValueError(
-                f"solver {solver!r}; allowed: a name, 'package.module:Factory', or a class or function"
-            )
+            raise ValueError(f"solver {solver!r}; allowed: a name, 'package.module:Factory', or a class or function")
         return solver
     if ":" in solver:
         return _from_module(solver)
@@ -58,9 +54,7 @@ def find(solver: Solver) -> Factory:
     try:
         factory = points[solver].load()
     except Exception as error:
-        raise ValueError(
-            f"solver {solver!r} ({points[solver].value}) cannot be loaded: {_line(error)}"
-        ) from error
+        raise ValueError(f"solver {solver!r} ({points[solver].value}) cannot be loaded: {_line(error)}") from error
     return _callable(factory, solver)
 
 
@@ -71,17 +65,13 @@ def _from_module(path: str) -> Factory:
     try:
         module = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
-        raise ValueError(
-            f"solver {path!r}: {error}; allowed: module:Factory, importable from {os.getcwd()}"
-        ) from error
+        raise ValueError(f"solver {path!r}: {error}; allowed: module:Factory, importable from {os.getcwd()}") from error
     except Exception as error:
         raise ValueError(f"solver {path!r}: importing {module_name} failed with {_line(error)}") from error
     target: Any = module
     for part in attribute.split("."):
         if not hasattr(target, part):
-            public = [
-                name for name, value in vars(target).items() if callable(value) and not name.startswith("_")
-            ]
+            public = [name for name, value in vars(target).items() if callable(value) and not name.startswith("_")]
             raise unknown(f"factory in {module_name}", attribute, public)
         target = getattr(target, part)
     return _callable(target, path)
@@ -146,9 +136,7 @@ _SCORING = ("tasks.py", "episode.py", "scoring.py")
 def code_version(solver: Solver) -> str:
     """Version, and 8 hex digits over the sources of world, scoring and solver: other code, other rows."""
     world = Path(sins_env.__file__).parent
-    files = [
-        path for path in world.rglob("*.py") if path.parent.name != "evaluation" or path.name in _SCORING
-    ]
+    files = [path for path in world.rglob("*.py") if path.parent.name != "evaluation" or path.name in _SCORING]
     find(solver)
     module = sys.modules.get(_module_name(solver))
     source = getattr(module, "__file__", None)

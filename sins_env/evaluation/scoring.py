@@ -91,11 +91,7 @@ class Criteria:
     def nees_epochs(self) -> tuple[int, ...]:
         """Where the covariance is asked for; none after an unknown start, whose spread no prior states."""
         fine = self.num_epochs - self.coarse_epochs
-        return (
-            tuple(self.coarse_epochs + max(round(part * fine), 1) for part in NEES_AT)
-            if self.known_start
-            else ()
-        )
+        return tuple(self.coarse_epochs + max(round(part * fine), 1) for part in NEES_AT) if self.known_start else ()
 
 
 @dataclass(frozen=True)
@@ -179,9 +175,7 @@ class Scorer:
         self.k += phi.shape[1]
         size = np.abs(phi)
         fine = (k > c.coarse_epochs)[:, None]
-        self.last_bad = np.maximum(
-            self.last_bad, np.where(size > c.delta, k[:, None], 0).max(axis=1)
-        )
+        self.last_bad = np.maximum(self.last_bad, np.where(size > c.delta, k[:, None], 0).max(axis=1))
         first_held = c.num_epochs - round(c.hold_s / c.epoch_s)
         if k[-1] >= first_held:
             self.hold_max = np.maximum(self.hold_max, size[:, k >= first_held].max(axis=1))

@@ -67,9 +67,7 @@ class Store:
         if not empty and application != APPLICATION_ID:
             raise StoreError(f"{self.path}: a SQLite file, but not a results file of sins-env")
         if not empty and version != SCHEMA_VERSION:
-            raise StoreError(
-                f"{self.path}: results of schema {version}; this version reads schema {SCHEMA_VERSION}"
-            )
+            raise StoreError(f"{self.path}: results of schema {version}; this version reads schema {SCHEMA_VERSION}")
         if read_only:
             if empty:
                 raise StoreError(f"{self.path}: an empty file, no results")
@@ -121,9 +119,7 @@ class Store:
         with self._errors(), self._transaction():
             session = self._of_session()
             rows = [to_row(key, session, records.row(i)) for i in range(len(records))]
-            self._db.execute(
-                "INSERT OR IGNORE INTO tasks VALUES (?, ?)", (key.task, criteria_text(records.criteria))
-            )
+            self._db.execute("INSERT OR IGNORE INTO tasks VALUES (?, ?)", (key.task, criteria_text(records.criteria)))
             self._db.executemany(f"INSERT OR IGNORE INTO runs ({', '.join(COLUMNS)}) VALUES ({marks})", rows)
 
     def add_cost(self, key: Key, cost: Cost) -> None:
@@ -142,17 +138,11 @@ class Store:
 
     def keys(self, tasks: Sequence[str] = (), solvers: Sequence[str] = ()) -> list[Key]:
         """What the file holds, of each solver the latest code only, in the order of evaluation."""
-        sql = (
-            "SELECT task, suite, solver, settings, code FROM runs GROUP BY 1, 2, 3, 4, 5 ORDER BY max(rowid)"
-        )
+        sql = "SELECT task, suite, solver, settings, code FROM runs GROUP BY 1, 2, 3, 4, 5 ORDER BY max(rowid)"
         with self._errors():
             found = [Key(*row) for row in self._db.execute(sql)]
         latest = {(key.task, key.suite, key.solver, key.settings): key for key in found}
-        return [
-            k
-            for k in latest.values()
-            if (not tasks or k.task in tasks) and (not solvers or k.solver in solvers)
-        ]
+        return [k for k in latest.values() if (not tasks or k.task in tasks) and (not solvers or k.solver in solvers)]
 
     def results(self, key: Key, runs: Container[int] | None = None) -> Results:
         """The runs of a solver (those in ``runs``, or all) as :func:`evaluate` returns them."""
@@ -170,13 +160,9 @@ class Store:
             criteria = criteria_of(stored[0])
             records = Records.of_rows(criteria, [of_row(row, criteria) for row in rows])
         except (TypeError, ValueError, KeyError, zlib.error) as error:
-            raise StoreError(
-                f"{self.path}: rows of {key.solver} on {key.task} are damaged ({error})"
-            ) from error
+            raise StoreError(f"{self.path}: rows of {key.solver} on {key.task} are damaged ({error})") from error
         settings = json.loads(key.settings)
-        return Results(
-            get_task(key.task), key.solver, settings, key.suite, records, Cost(*cost) if cost else None
-        )
+        return Results(get_task(key.task), key.solver, settings, key.suite, records, Cost(*cost) if cost else None)
 
 
 def _connect(target: str | Path) -> sqlite3.Connection:

@@ -7,6 +7,7 @@ of workers nor on the solver: every solver meets the same runs. evaluation.md se
 from __future__ import annotations
 
 import hashlib
+import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -94,9 +95,7 @@ def run_seed(task: EvaluationTask, run: int, suite_seed: int | None = None) -> i
     return int(_sequence(task, suite_seed, run).generate_state(1, np.uint64)[0])
 
 
-def solver_rng(
-    task: EvaluationTask, solver: str, run: int, suite_seed: int | None = None
-) -> np.random.Generator:
+def solver_rng(task: EvaluationTask, solver: str, run: int, suite_seed: int | None = None) -> np.random.Generator:
     """The stream that one solver draws from in one run."""
     return np.random.default_rng(_sequence(task, suite_seed, zlib.crc32(solver.encode()), run))
 
@@ -113,9 +112,9 @@ DIGEST_EPOCHS = 20
 def digest(task: EvaluationTask) -> str:
     """16 hex digits that change when the world of a task changes: its starts and first epochs, runs 0 and 1.
 
-    Each field enters as four weighted sums to nine digits. Values themselves could not be rounded safely: an
-    increment is a small difference, and another CPU's last bit would cross a rounding edge somewhere among
-    thousands.
+    Each field enters as two weighted sums, rounded to a ten-millionth of their size. Values themselves could not be
+    rounded safely: an increment is a small difference, and another CPU's last bit would cross a rounding edge
+    somewhere among thousands.
     """
     env = task.make(2)
     obs, info = task.reset(env, (0, 1))
@@ -130,9 +129,10 @@ def digest(task: EvaluationTask) -> str:
     lines = []
     for name, parts in fields.items():
         values = np.concatenate([part.ravel() for part in parts])
-        weights = np.random.default_rng(0).uniform(-1.0, 1.0, (4, len(values)))
-        sums = (weights * values).sum(axis=1)
-        lines.append(name + " " + " ".join(f"{0.0 if abs(s) < 1e-15 else s:.8e}" for s in sums))
+        weights = np.random.default_rng(0).uniform(-1.0, 1.0, (2, len(values)))
+        size = float(np.sqrt(np.sum(values**2)))
+        unit = 10.0 ** (math.ceil(math.log10(size)) - 7) if size else 1.0
+        lines.append(f"{name} {unit:.0e} " + " ".join(str(round(s / unit)) for s in weights @ values))
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 
@@ -155,7 +155,7 @@ _TASKS = (
     ),
     EvaluationTask(
         "sway-markov-v0",
-        "the same with Gauss-Markov errors added to the biases, 600 s",
+        "the same with Gauss-Markov errors of gyros and accelerometers, 600 s",
         "000 ch. 3-5",
         _SWAY,
         delta_azimuth_deg=1.6,

@@ -125,13 +125,15 @@ class Sway:
         return NavState(*(part[:, 0] for part in state))
 
     def chunk(self, first_epoch: int, num_epochs: int) -> Motion:
-        edges = np.arange(first_epoch * self.n_sub, (first_epoch + num_epochs) * self.n_sub + 1)
+        edges = np.arange(first_epoch * self.n_sub, (first_epoch + num_epochs) * self.n_sub + 1, dtype=np.float64)
         table, turning = self._integrals(edges * (self.epoch_s / self.n_sub))
         increments = np.matmul(self._coefficients, table)  # (runs, 2, samples * 3)
         shape = (len(self._heading), num_epochs, self.n_sub, 3)
         dtheta = (increments[:, 0] + turning).reshape(shape)
         dvel = increments[:, 1].reshape(shape)
-        state, rate = self._states(np.arange(first_epoch + 1, first_epoch + num_epochs + 1) * self.epoch_s)
+        state, rate = self._states(
+            np.arange(first_epoch + 1, first_epoch + num_epochs + 1, dtype=np.float64) * self.epoch_s
+        )
         return Motion(dtheta, dvel, state, rate)
 
     def _expand(self) -> Array:

@@ -42,8 +42,15 @@ def moments(g: Function, x: Gaussian, rule: MomentRule) -> tuple[Moments, Mask |
 
 def linear_moments(g: Linear, x: Gaussian) -> Moments:
     """The exact moments of an affine map."""
-    cross = x.cov @ g.matrix.mT
-    return Moments(g(x.mean), symmetrize(g.matrix @ cross), cross)
+    cross = _times_transpose(x.cov, g.matrix)
+    return Moments(g(x.mean), symmetrize(_times_transpose(cross.mT, g.matrix)), cross)
+
+
+def _times_transpose(a: Array, matrix: Array) -> Array:
+    """a matrix'; one product for all runs where they share the matrix, which is several times faster."""
+    if matrix.ndim > 2:
+        return a @ matrix.mT
+    return (a.reshape(-1, a.shape[-1]) @ matrix.T).reshape(*a.shape[:-1], len(matrix))
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,9 @@ class Cubature:
 
     def build(self, n: int) -> Points:
         w = np.full(2 * n, 0.5 / n)
-        return Points(math.sqrt(n) * _axes(n), w, w, centre=False, total=1.0, pull=0.0, equal=0.5 / n, radius=math.sqrt(n))
+        return Points(
+            math.sqrt(n) * _axes(n), w, w, centre=False, total=1.0, pull=0.0, equal=0.5 / n, radius=math.sqrt(n)
+        )
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,10 @@ MISSING_VARIANCE = 1e20  #: R of the runs without a fix, where others of the bat
 class Aligner:
     """The estimator around a filter. A told start goes straight to the fine phase; an unknown one begins with the coarse.
 
-    ``feedback="open"`` leaves the INS alone and corrects its output, as the thesis does; ``"closed"`` resets velocity and
-    attitude after each fix. ``coarse``: the method of the coarse phase, see :mod:`solvers.pipeline.coarse_alignment`. The vertical velocity of the INS is slaved to the fixes, the position is the told site.
+    ``feedback="open"`` leaves the INS alone and corrects its output, as the thesis does; ``"closed"`` resets velocity
+    and attitude after each fix. ``coarse`` is the method of the coarse phase (:mod:`solvers.pipeline.coarse_alignment`),
+    ``model`` and ``bias_frame`` are those of :class:`AlignmentErrors`. The vertical velocity of the INS is slaved to the
+    fixes, the position is the told site.
 
     Raises:
         ValueError: an unknown setting.
@@ -138,7 +140,7 @@ class Aligner:
         C = attitude.to_dcm(self._ins.nav.q_nb)
         earth_rate = earth.rate_n(earth.get(self.task.site.earth), self.task.site.latitude)
         rate = np.matmul(C, (last * (n / self.task.epoch_s))[..., None])[..., 0] - earth_rate
-        return np.cross(rate, C @ self._lever)
+        return np.cross(rate, C @ np.asarray(self._lever))
 
     def _slave_vertical(self, obs: Observation, valid: NDArray[np.bool_]) -> None:
         assert self._ins is not None
@@ -167,11 +169,13 @@ class CoarseAligner:
         self.method = method
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
-        self._task, self._coarse = task, None
+        self._task = task
+        self._coarse: CoarseAlignment | None = None
 
     def step(self, obs: Observation) -> Array:
+        """q_nb (..., 4) at the end of the epoch."""
         if self._coarse is None:
-            self._coarse: CoarseAlignment | None = CoarseAlignment(self._task, obs["dtheta"].shape[:-2], self.method)
+            self._coarse = CoarseAlignment(self._task, obs["dtheta"].shape[:-2], self.method)
         self._coarse.add(obs)
         return self._coarse.attitude()
 

@@ -106,7 +106,9 @@ class EpochMap:
         v = dV + 0.5 * gain  # mid-epoch
         w = self._turn - total(self._transport * v, axis=1)
         r = self._turn - total(C * w, axis=1) - total(self._gyro * eps, axis=1)  # omega_nc h
-        gain -= total(rows * total(self._tilt * r, axis=1)[:, None], axis=0)  # C at mid-epoch; nabla is nothing beside f
+        gain -= total(
+            rows * total(self._tilt * r, axis=1)[:, None], axis=0
+        )  # C at mid-epoch; nabla is nothing beside f
         out = np.empty(X.shape)
         np.add(dV, gain, out=out[:2])
         out[:2] += total(self._coriolis * v, axis=1)

@@ -30,7 +30,8 @@ def reset_jacobian(phi: Array, phi_hat: Array) -> Array:
     """d phi' / d phi (..., 3, 3) of the reset by phi_hat, at phi. Both (..., 3), broadcast against each other."""
     left = remaining(phi, phi_hat)
     turn = np.swapaxes(attitude.misalignment_dcm(phi_hat), -1, -2)
-    return np.linalg.solve(attitude.misalignment_rate_matrix(left), turn @ attitude.misalignment_rate_matrix(phi))
+    J = np.linalg.solve(attitude.misalignment_rate_matrix(left), turn @ attitude.misalignment_rate_matrix(phi))
+    return np.asarray(J, dtype=np.float64)
 
 
 def remaining(phi: Array, phi_hat: Array) -> Array:

@@ -82,7 +82,9 @@ def interval_increments(dtheta: Array, dvel: Array, last: Array | None) -> tuple
     groups[3:, -samples:] = dvel.reshape(shape).transpose(order)
     if samples == 1:
         groups[:, 0, ..., 1:] = groups[:, 1, ..., :-1]
-        groups[:, 0, ..., 0] = groups[:, 1, ..., 0] if last is None else last.transpose(last.ndim - 1, *range(last.ndim - 1))
+        groups[:, 0, ..., 0] = (
+            groups[:, 1, ..., 0] if last is None else last.transpose(last.ndim - 1, *range(last.ndim - 1))
+        )
         total = groups[:, 1]
     else:
         total = groups.sum(axis=1)
@@ -90,7 +92,9 @@ def interval_increments(dtheta: Array, dvel: Array, last: Array | None) -> tuple
     mixed = np.matmul(_COUPLING[samples], flat)
     theta, vel = total.reshape(2, 3, -1)
     # dtheta_i x kappa_ij dtheta_j and dtheta_i x kappa_ij dvel_j, summed over the samples
-    coning, sculling = np.add.reduce(cross_planes(flat[0][:, None], mixed.transpose(1, 0, 2, 3)), axis=2).transpose(1, 0, 2)
+    coning, sculling = np.add.reduce(cross_planes(flat[0][:, None], mixed.transpose(1, 0, 2, 3)), axis=2).transpose(
+        1, 0, 2
+    )
     rotation = theta + 0.5 * coning
     theta2 = np.add.reduce(theta * theta, axis=0)
     first = cross_planes(theta, vel)

@@ -106,9 +106,7 @@ def test_next_step_autoreset():
 def test_infos_are_those_of_gymnasiums_own_vector_environment(settings):
     """Keys, masks, shapes, types and values, over an episode and its autoreset."""
     native = vector(3, **settings)
-    assembled = SyncVectorEnv(
-        [functools.partial(make, **settings)] * 3, autoreset_mode=AutoresetMode.NEXT_STEP
-    )
+    assembled = SyncVectorEnv([functools.partial(make, **settings)] * 3, autoreset_mode=AutoresetMode.NEXT_STEP)
     steps = actions_of(3, native.unwrapped.task.num_epochs + 2)
 
     def compare(found, wanted, path=""):

@@ -82,9 +82,7 @@ def test_task_start_is_the_start_of_info(rows):
     start = env.unwrapped.task.start
     for name in ("q_nb", "vel", "pos"):
         assert_array_equal(getattr(start, name), info["start"][name])
-        assert getattr(start, name).shape == (() if rows is None else (3,)) + (
-            (4,) if name == "q_nb" else (3,)
-        )
+        assert getattr(start, name).shape == (() if rows is None else (3,)) + ((4,) if name == "q_nb" else (3,))
     assert np.all(info["start"]["known"])
     assert before.start is None
     assert dataclasses.replace(env.unwrapped.task, start=None) == before

@@ -30,14 +30,10 @@ def test_windows_and_strides(parked):
     assert_allclose(env.episode.world.windows.starts, [1.0, 2.5, 4.0, 5.5])  # the last ends at 9.5 s
     for i, first in enumerate((100, 250, 400, 550)):
         observations, _, _ = play(env, seed=0, options={"window": i})
-        assert_array_equal(
-            stacked(observations[:-1], "dtheta").reshape(-1, 3), recording.dtheta[first : first + 400]
-        )
+        assert_array_equal(stacked(observations[:-1], "dtheta").reshape(-1, 3), recording.dtheta[first : first + 400])
         assert observations[0]["t"] == pytest.approx(0.1)  # a window's own time begins at 0
     assert make(parked, window=(1.0, 9.0), stride=0.1).episode.world.windows.starts == [1.0]
-    assert_allclose(
-        make(parked, window=(0.018, 1.0)).episode.world.windows.starts, [0.02]
-    )  # the nearest edge
+    assert_allclose(make(parked, window=(0.018, 1.0)).episode.world.windows.starts, [0.02])  # the nearest edge
 
 
 def test_the_seed_draws_the_window(parked):
@@ -49,9 +45,7 @@ def test_the_seed_draws_the_window(parked):
 
 
 @pytest.mark.parametrize("rows", [1, 2, 7])
-@pytest.mark.parametrize(
-    "settings", [{}, {"start": "told", "window": (0.2, 1.0), "reveal_truth": True}], ids=str
-)
+@pytest.mark.parametrize("settings", [{}, {"start": "told", "window": (0.2, 1.0), "reveal_truth": True}], ids=str)
 def test_rows_equal_single_runs(driven, rows, settings):
     settings = {"window": (0.1, 1.0), "stride": 0.35, "epoch": 0.05, **settings}
     many, one = vector(driven, rows, **settings), make(driven, **settings)
@@ -62,9 +56,7 @@ def test_rows_equal_single_runs(driven, rows, settings):
         for key in observations[0]:
             assert_array_equal(stacked(batch[0], key)[:, row], stacked(observations, key))
         assert_array_equal(np.stack(batch[1])[:, row], rewards)
-        assert_array_equal(
-            [i["errors"]["phi"][row] for i in batch[2][1:]], [i["errors"]["phi"] for i in infos[1:]]
-        )
+        assert_array_equal([i["errors"]["phi"][row] for i in batch[2][1:]], [i["errors"]["phi"] for i in infos[1:]])
         for key in ("q_nb", "vel", "pos", "known"):
             assert_array_equal(batch[2][0]["start"][key][row], infos[0]["start"][key])
 

@@ -56,9 +56,7 @@ def test_fixes_between_epochs_are_refused_with_what_fits(driven):
 def test_half_a_sample_is_the_limit(tmp_path, shift, fits):
     t = np.arange(0.95, 11.9, 1.0)[:11]
     llh, vel = np.full((11, 3), 34.0), np.ones((11, 3))
-    path = files.increments(
-        tmp_path / "x.npz", gnss_t_imu_s=t + shift, gnss_llh_deg_m=llh, gnss_vel_enu_mps=vel
-    )
+    path = files.increments(tmp_path / "x.npz", gnss_t_imu_s=t + shift, gnss_llh_deg_m=llh, gnss_vel_enu_mps=vel)
     if fits:
         observations, _, _ = play(make(path, epoch=0.05), seed=0)
         assert stacked(observations, "gps_valid").sum() == 11
@@ -85,9 +83,7 @@ def test_gaps(tmp_path):
     tags = 0.005 * np.arange(2400)
     tags[1000:] += 0.05
     path = files.increments(tmp_path / "gap.npz", imu_t_s=tags)
-    with pytest.raises(
-        ValueError, match=r"IMU samples are missing from 4\.995 s on, inside the window from 4 s"
-    ):
+    with pytest.raises(ValueError, match=r"IMU samples are missing from 4\.995 s on, inside the window from 4 s"):
         make(path, epoch=0.05, window=(4.0, 2.0))
     assert make(path, epoch=0.05, window=(1.0, 3.0)).task.num_epochs == 60
     assert make(path, epoch=0.05, window=(5.05, 3.0)).task.num_epochs == 60

@@ -63,9 +63,7 @@ class At(DeadReckoning):
     def step(self, obs):
         q = super().step(obs)
         starts = np.atleast_2d(self.task.start.q_nb)
-        hit = (
-            np.ones(len(starts), bool) if self.target is None else np.abs(starts - self.target).max(1) < 1e-12
-        )
+        hit = np.ones(len(starts), bool) if self.target is None else np.abs(starts - self.target).max(1) < 1e-12
         if self.k != self.epoch or not hit.any():
             return q
         if self.how == "raise":

@@ -40,9 +40,7 @@ def text_of(renderable, width=100):
 
 
 def test_ranks_tie_where_intervals_overlap():
-    lines = board.ranked(
-        [results("c", 3000), results("a", 800), results("b", 850, seed=1), results("d", 9000)]
-    )
+    lines = board.ranked([results("c", 3000), results("a", 800), results("b", 850, seed=1), results("d", 9000)])
     assert [(rank, one.solver) for rank, one in lines] == [(1, "a"), (1, "b"), (3, "c"), (4, "d")]
     alone = board.ranked([results("a", 800, runs=1), results("b", 80000, runs=1)])
     assert [rank for rank, _ in alone] == [1, 1]  # single runs tell nothing apart

@@ -64,9 +64,7 @@ def evaluation(*more, runs=4, solver=GOOD):
 def table(cli, *more):
     code, out, _ = cli("board", "--json", *more)
     assert code == 0
-    return [
-        {name: value for name, value in entry.items() if name != "cost_ratio"} for entry in json.loads(out)
-    ]
+    return [{name: value for name, value in entry.items() if name != "cost_ratio"} for entry in json.loads(out)]
 
 
 def test_list(cli):
@@ -119,9 +117,7 @@ def test_run_that_raises(cli, short):
     given = ("run", "short-v0", PLUGIN + "At", "--set", "epoch=7")
     code, out, err = cli(*given)
     assert (code, out) == (1, "")
-    assert err == [
-        f"sins-env: {PLUGIN}At on short-v0, run 0: step raised ArithmeticError: no square root, at 0.7 s"
-    ]
+    assert err == [f"sins-env: {PLUGIN}At on short-v0, run 0: step raised ArithmeticError: no square root, at 0.7 s"]
     code, _, err = cli(*given, "--traceback")
     assert err[0] == "Traceback (most recent call last):"
 
@@ -172,9 +168,7 @@ def assert_tables(found, expected):
         for axis in "ENU":
             assert one["rms"][axis] == pytest.approx(other["rms"][axis], rel=1e-9)
             assert one["rms_ci"][axis] == pytest.approx(other["rms_ci"][axis], rel=1e-9)
-        assert {k: v for k, v in one.items() if "rms" not in k} == {
-            k: v for k, v in other.items() if "rms" not in k
-        }
+        assert {k: v for k, v in one.items() if "rms" not in k} == {k: v for k, v in other.items() if "rms" not in k}
 
 
 def test_interrupted_evaluation_resumes_to_the_same_table(cli, short, start_of):
@@ -182,9 +176,7 @@ def test_interrupted_evaluation_resumes_to_the_same_table(cli, short, start_of):
     at = PLUGIN + "At"
     code, _, err = cli(*evaluation(*given, "--set", 'how="interrupt"', runs=6, solver=at))
     assert code == 130
-    assert err == [
-        f"sins-env: interrupted: 4 runs of {at} on short-v0 are in results.sqlite; --resume continues"
-    ]
+    assert err == [f"sins-env: interrupted: 4 runs of {at} on short-v0 are in results.sqlite; --resume continues"]
     assert table(cli)[0]["runs"] == 4
     assert cli(*evaluation(*given, "--set", 'how="interrupt"', "--resume", runs=4, solver=at))[0] == 0
 

@@ -13,9 +13,7 @@ from sins_env.specs import ARCSEC
 EPOCH, K, COARSE, HOLD = 0.1, 1000, 200, 30.0
 T = K * EPOCH
 t = (1 + np.arange(K)) * EPOCH
-CRITERIA = Criteria(
-    EPOCH, K, COARSE, np.array([1e-3, 1e-3, 1e-2]), np.array([0.5, 0.5, 1.5]), HOLD, known_start=True
-)
+CRITERIA = Criteria(EPOCH, K, COARSE, np.array([1e-3, 1e-3, 1e-2]), np.array([0.5, 0.5, 1.5]), HOLD, known_start=True)
 
 
 def histories(*azimuths):

@@ -4,8 +4,10 @@ import dataclasses
 import math
 import os
 import re
+import signal
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -65,9 +67,7 @@ def test_one_by_one_equals_batch(short, healthy):
 def test_each_run_has_its_own_stream(short):
     whole = run(short, "Noisy").records
     assert_same(run(short, "Noisy", chunk=4).records, whole)
-    assert_same(
-        run(short, "Noisy", [1, 4]).records, Records.of_rows(whole.criteria, [whole.row(1), whole.row(4)])
-    )
+    assert_same(run(short, "Noisy", [1, 4]).records, Records.of_rows(whole.criteria, [whole.row(1), whole.row(4)]))
     assert len(np.unique(whole.final[:, 0])) == 6
 
 
@@ -119,9 +119,7 @@ def test_raising_one_by_one_costs_one_run(short, start_of):
 
 
 def test_raising_always(short):
-    assert set(run(short, "BadReset", 3).records.reason) == {
-        "reset raised RuntimeError: no memory left, at 0.1 s"
-    }
+    assert set(run(short, "BadReset", 3).records.reason) == {"reset raised RuntimeError: no memory left, at 0.1 s"}
 
 
 @pytest.mark.parametrize("how", ["nan", "zero"])
@@ -189,6 +187,10 @@ def test_workers_can_be_shared(short, healthy):
         for _ in range(2):
             assert_same(run(short, "DeadReckoning", chunk=3, executor=pool).records, healthy)
         pids = list(pool._pool._processes)
+        status = [Path(f"/proc/{pid}/status") for pid in pids]
+        for text in [path.read_text() for path in status if path.exists()]:  # from birth on they hear no Ctrl-C
+            blocked = int(text.split("SigBlk:")[1].split()[0], 16)
+            assert blocked >> (signal.SIGINT - 1) & 1
     for pid in pids:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)

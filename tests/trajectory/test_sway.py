@@ -142,9 +142,7 @@ def test_increments_are_integrals_of_the_differentiated_motion(options):
     nodes = np.linspace(3.0, 3.2, 6 * 16 + 1)
     rate, force = rates_by_differences(options, nodes)
     for found, density, atol in ((motion.dtheta, rate, 3e-12), (motion.dvel, force, 1e-11)):
-        pieces = [
-            simpson(density[:, 16 * i : 16 * i + 17], x=nodes[16 * i : 16 * i + 17], axis=1) for i in range(6)
-        ]
+        pieces = [simpson(density[:, 16 * i : 16 * i + 17], x=nodes[16 * i : 16 * i + 17], axis=1) for i in range(6)]
         assert_allclose(found.reshape(2, 6, 3), np.stack(pieces, axis=1), rtol=0, atol=atol)
 
 

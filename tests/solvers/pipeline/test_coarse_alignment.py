@@ -14,9 +14,7 @@ from solvers.pipeline.coarse_alignment import METHODS, CoarseAlignment
 
 def align(method, seconds, runs, seed=5, env="SINS/AlignSway-v0", **kwargs):
     """phi (epochs, runs, 3) rad of the coarse attitude."""
-    env = gymnasium.make_vec(
-        env, num_envs=runs, start="unknown", coarse=seconds, duration=seconds + 0.1, **kwargs
-    )
+    env = gymnasium.make_vec(env, num_envs=runs, start="unknown", coarse=seconds, duration=seconds + 0.1, **kwargs)
     obs, _ = env.reset(seed=seed)
     solver = solvers.make("coarse_inertial", method=method)
     solver.reset(env.unwrapped.task, None, runs)
@@ -40,7 +38,9 @@ def test_gps_velocity_removes_the_sway():
 
 
 # 50 runs: a standard deviation of 0.53 deg has a standard error of 0.05 deg, one of 1.2 deg 0.12 deg.
-@pytest.mark.parametrize(("method", "low", "high"), [("svd", 0.4, 0.7), ("two_vector", 0.8, 1.4), ("aided", 0.25, 0.47)])
+@pytest.mark.parametrize(
+    ("method", "low", "high"), [("svd", 0.4, 0.7), ("two_vector", 0.8, 1.4), ("aided", 0.25, 0.47)]
+)
 def test_spread_after_180_seconds_of_sway(method, low, high):
     phi = np.degrees(align(method, 180.0, 50)[-1])
     assert low < phi[:, 2].std(ddof=1) < high

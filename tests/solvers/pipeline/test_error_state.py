@@ -125,16 +125,17 @@ def test_batches_and_points(batch):
     for p in range(5):
         np.testing.assert_allclose(f(points[..., p, :]), whole[..., p, :], rtol=1e-14, atol=1e-15)
     for index in np.ndindex(*batch):
-        one = S.EpochMotion(
-            m.dt, m.C[index], m.dvel_n[index], m.vel[index], m.rate_ie, m.rate_en[index], m.transport
-        )
+        one = S.EpochMotion(m.dt, m.C[index], m.dvel_n[index], m.vel[index], m.rate_ie, m.rate_en[index], m.transport)
         alone = AlignmentErrors().transition(one, np.zeros((10, 10))).f(points[index])
         np.testing.assert_allclose(alone, whole[index], rtol=1e-14, atol=1e-15)
 
 
 def test_prior_is_selected_and_scaled():
     prior = matched_prior(
-        ImuSpec(gyro_bias_deg_h=0.02, accel_bias_ug=100, arw_deg_sqrt_h=0.01, vrw_ug_sqrt_hz=5), GpsSpec(), 0.1, (1, 2, 15)
+        ImuSpec(gyro_bias_deg_h=0.02, accel_bias_ug=100, arw_deg_sqrt_h=0.01, vrw_ug_sqrt_hz=5),
+        GpsSpec(),
+        0.1,
+        (1, 2, 15),
     )
     mean, P = AlignmentErrors().prior(prior, (4,))
     assert mean.shape == (4, 10)

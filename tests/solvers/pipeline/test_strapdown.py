@@ -46,7 +46,9 @@ def test_static_round_trip_for_one_hour_with_free_position():
     assert np.abs(nav.pos - SITE.pos)[..., 2].max() < 0.1
 
 
-@pytest.mark.parametrize(("n_sub", "arcsec", "mps"), [(30, 1e-4, 1e-6), (10, 1e-4, 1e-6), (5, 0.01, 1e-5), (1, 1.5, 1e-3)])
+@pytest.mark.parametrize(
+    ("n_sub", "arcsec", "mps"), [(30, 1e-4, 1e-6), (10, 1e-4, 1e-6), (5, 0.01, 1e-5), (1, 1.5, 1e-3)]
+)
 def test_every_form_follows_the_sway(n_sub, arcsec, mps):
     """Three-, two- and one-sample forms over 60 s; a single sample per 0.1 s is what is left of the accuracy then."""
     angle, vel, _ = fly(Sway(SITE, 0.1, n_sub, THESIS), 600)
@@ -119,7 +121,9 @@ class Coning:
         vel = attitude.to_dcm(q0) @ steps.sum(axis=0)
         end = attitude.multiply(q0, relative[-1])
         true_end = self.at(np.array([duration]))[0][0]
-        return attitude.rotation_angle(attitude.multiply(end, attitude.conjugate(true_end))), np.linalg.norm(vel - truth)
+        return attitude.rotation_angle(attitude.multiply(end, attitude.conjugate(true_end))), np.linalg.norm(
+            vel - truth
+        )
 
 
 class Sculling(Coning):
@@ -181,9 +185,11 @@ def test_pyins_on_the_same_increments():
         index=["lat", "lon", "alt", "VN", "VE", "VD", "roll", "pitch", "heading"],
         name=0.0,
     )
-    result = pyins_strapdown.Integrator(pva).integrate(
-        pyins_strapdown.compute_increments_from_imu(imu, "increment")
-    ).iloc[-1]
+    result = (
+        pyins_strapdown.Integrator(pva)
+        .integrate(pyins_strapdown.compute_increments_from_imu(imu, "increment"))
+        .iloc[-1]
+    )
     _, _, nav = fly(trajectory_again(), 600, hold_position=False, runs=1)
     ours = np.degrees(np.array(attitude.to_euler(attitude.to_dcm(nav.q_nb[0]))))
     theirs = result[["heading", "pitch", "roll"]].to_numpy(dtype=float)
