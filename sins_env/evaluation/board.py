@@ -70,7 +70,7 @@ def angle(arcsec: float) -> str:
 
 
 def angle_interval(ci: Interval) -> str:
-    return "" if math.isnan(ci[0]) else f"{angle(ci[0])}–{angle(ci[1])}"
+    return "" if math.isnan(ci[0]) else f"{angle(ci[0])}–{angle(ci[1])}".replace(",", "")
 
 
 def failure_text(summary: Summary) -> str:
@@ -87,10 +87,14 @@ def nees_text(summary: Summary) -> tuple[str, bool | None]:
     return ("inf" if math.isinf(last.mean) else number(last.mean / 3)), last.inside
 
 
-def table(results: Sequence[Results]) -> RenderableType:
-    """One task's solvers for the terminal: a value, and its 95 % interval on the line below."""
+NARROW = 96  #: columns below which a terminal gets no intervals of the level errors
+
+
+def table(results: Sequence[Results], width: int = 100) -> RenderableType:
+    """One task's solvers for a terminal of ``width`` columns: a value, and its 95 % interval on the line below."""
     task, lines = results[0].task, ranked(results)
     summaries = [one.summary for _, one in lines]
+    wide = width >= NARROW
     spread, nees = bool(task.windows), any(s.nees for s in summaries)
     out = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), collapse_padding=True)
     title = Text.assemble((task.name, "bold"), f"  {task.what}")
@@ -104,7 +108,8 @@ def table(results: Sequence[Results]) -> RenderableType:
             _label(one, rank),
             _success(s),
             _stacked(seconds(s.t_conv_median_s), seconds_interval(s.t_conv_ci_s)),
-            *(_stacked(angle(s.rms[axis]), angle_interval(s.rms_ci[axis])) for axis in "UEN"),
+            _stacked(angle(s.rms["U"]), angle_interval(s.rms_ci["U"])),
+            *(_stacked(angle(s.rms[axis]), angle_interval(s.rms_ci[axis]) if wide else "") for axis in "EN"),
             *([_nees(s)] if nees else []),
             Text(failure_text(s).replace(", ", "\n"), style="red" if s.failures else "dim"),
             number(one.cost.ratio, 2) if one.cost and one.cost.ratio is not None else "-",

@@ -153,7 +153,7 @@ def evaluate(given: Namespace, console: Console) -> int:
         _evaluate_all(given, store, todo, settings)
         results = [store.results(key, range(given.runs)) for key in keys]
     for group in boards.by_task(results).values():
-        console.print(boards.table(group))
+        console.print(boards.table(group, console.width))
     if given.plot:
         from sins_env.evaluation import plots
 
@@ -218,7 +218,7 @@ def board(given: Namespace, console: Console) -> int:
         remark(f"{given.db}: no results yet")
     else:
         for group in boards.by_task(results).values():
-            console.print(boards.table(group))
+            console.print(boards.table(group, console.width))
     if given.plot and results:
         from sins_env.evaluation import plots
 

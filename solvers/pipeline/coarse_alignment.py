@@ -51,6 +51,7 @@ class CoarseAlignment:
         self._last: Array | None = None
         self._first_pair: tuple[Array, Array] | None = None
         self._profile = np.zeros((*batch, 3, 3))  # sum of v_b v_i'
+        self._early_profile = np.zeros((*batch, 3, 3))  # the same before the first window is full
         window = min(WINDOW_S, task.coarse_s / 2) if task.coarse_s else WINDOW_S
         self._lag = max(round(window / task.epoch_s), 1)
         self._ring = np.zeros((2, self._lag, *batch, 3)) if method == "aided" else None
@@ -104,18 +105,21 @@ class CoarseAlignment:
         return self._vel @ C_n_i.T + self._swept
 
     def _add_window(self, v_i: Array) -> None:
-        """The pair of differences across the window; before one is full, the pair since the start, at 1e-4 of its weight."""
+        """The pair of differences across the window, and until one is full the pair since the start."""
         assert self._ring is not None
         slot = self._k % self._lag
-        full = self._k > self._lag
-        d_b = self._v_b - self._ring[0, slot] if full else 0.01 * self._v_b
-        d_i = v_i - self._ring[1, slot] if full else 0.01 * v_i
-        self._profile = self._profile + d_b[..., :, None] * d_i[..., None, :]
+        if self._k > self._lag:
+            d_b, d_i = self._v_b - self._ring[0, slot], v_i - self._ring[1, slot]
+            self._profile = self._profile + d_b[..., :, None] * d_i[..., None, :]
+        else:
+            self._early_profile = self._early_profile + self._v_b[..., :, None] * v_i[..., None, :]
         self._ring[0, slot], self._ring[1, slot] = self._v_b, v_i
 
     def _wahba(self) -> Array:
         """C_ib0^i of the least-squares fit v_i = C v_b to all pairs. equations.md D.2."""
-        U, _, Vt = np.linalg.svd(self._profile)
+        # The pairs since the start fade out as the windows, which the velocity at the start does not bias, spread.
+        fade = max(1.0 - max(self._k - self._lag, 0) / self._lag, 0.1) ** 4
+        U, _, Vt = np.linalg.svd(self._profile + fade * self._early_profile)
         proper = np.linalg.det(U) * np.linalg.det(Vt)
         V = np.swapaxes(Vt, -1, -2).copy()
         V[..., 2] *= proper[..., None]

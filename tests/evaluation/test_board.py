@@ -132,3 +132,13 @@ def test_figures(tmp_path):
 def test_nees_inside():
     assert Nees(1.0, 3.0, (2.0, 4.0), 9).inside
     assert not Nees(1.0, 4.1, (2.0, 4.0), 9).inside
+
+
+def test_a_narrow_terminal_gets_no_broken_intervals():
+    found = [results(name, 8000, runs=100) for name in ("filterpy_ukf", "ckf")]
+    text = text_of(board.table(found, 80), 80)
+    assert max(len(line.rstrip()) for line in text.splitlines()) <= 80
+    low, high = found[0].summary.rms_ci["U"]
+    assert f"{low:.0f}–{high:.0f}" in text
+    assert f"{found[0].summary.rms_ci['E'][0]:.1f}–" not in text
+    assert f"{found[0].summary.rms_ci['E'][0]:.1f}–" in text_of(board.table(found, 100), 100)
