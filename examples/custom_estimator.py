@@ -3,7 +3,6 @@
 sins-env eval --task sway-white-v0 --solver examples.custom_estimator:DeadReckoning ckf --runs 20
 """
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 
