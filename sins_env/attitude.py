@@ -87,12 +87,14 @@ def normalize(q: Array) -> Array:
     return q / np.sqrt(np.add.reduce(q * q, axis=-1, keepdims=True))
 
 
+TINY = 1e-300  #: keeps 0 / 0 from a rotation by nothing
+
+
 def from_rotvec(rotvec: Array) -> Array:
     """q of a rotation vector in rad, (..., 3) -> (..., 4). equations.md A.3."""
     angle = np.sqrt(np.add.reduce(rotvec * rotvec, axis=-1, keepdims=True))
     sine, cosine = sincos(0.5 * angle)
-    scale = np.divide(sine, angle, out=np.full(angle.shape, 0.5), where=angle > 0)
-    return np.concatenate([cosine, scale * rotvec], axis=-1)
+    return np.concatenate([cosine, sine / np.maximum(angle, TINY) * rotvec], axis=-1)
 
 
 def rotation_angle(q: Array) -> Array:
@@ -137,12 +139,16 @@ def from_dcm(C: Array) -> Array:
 
 def from_euler(heading: Array | float, pitch: Array | float, roll: Array | float) -> Array:
     """q_nb of heading (clockwise), pitch, roll in rad: Rz(-heading) Rx(pitch) Ry(roll). (2.2.6-8)."""
-    h, p, r = -0.5 * np.asarray(heading), 0.5 * np.asarray(pitch), 0.5 * np.asarray(roll)
-    (sh, ch), (sp, cp), (sr, cr) = sincos(h), sincos(p), sincos(r)
-    q = np.empty((*np.broadcast_shapes(h.shape, p.shape, r.shape), 4))
-    cpcr, spsr, spcr, cpsr = cp * cr, sp * sr, sp * cr, cp * sr
-    q[..., 0], q[..., 1] = ch * cpcr - sh * spsr, ch * spcr - sh * cpsr
-    q[..., 2], q[..., 3] = ch * cpsr + sh * spcr, ch * spsr + sh * cpcr
+    return _zxy(*np.broadcast_arrays(-0.5 * np.asarray(heading), 0.5 * np.asarray(pitch), 0.5 * np.asarray(roll)))
+
+
+def _zxy(*halves: Array) -> Array:
+    """Rz Rx Ry of half the angles, (..., 4)."""
+    (sz, sx, sy), (cz, cx, cy) = sincos(np.stack(halves))
+    q = np.empty((*sz.shape, 4))
+    cxcy, sxsy, sxcy, cxsy = cx * cy, sx * sy, sx * cy, cx * sy
+    q[..., 0], q[..., 1] = cz * cxcy - sz * sxsy, cz * sxcy - sz * cxsy
+    q[..., 2], q[..., 3] = cz * cxsy + sz * sxcy, cz * sxsy + sz * cxcy
     return q
 
 
@@ -194,7 +200,8 @@ def misalignment_dcm(phi: Array) -> Array:
 
 def correction_quaternion(phi: Array) -> Array:
     """The quaternion (..., 4) of C_n^c(phi)' = Rz(phi_U) Rx(phi_E) Ry(phi_N), which takes the misalignment away."""
-    return from_euler(-phi[..., 2], phi[..., 0], phi[..., 1])
+    half = 0.5 * phi
+    return _zxy(half[..., 2], half[..., 0], half[..., 1])
 
 
 def misalignment_quaternion(phi: Array) -> Array:
