@@ -3,6 +3,7 @@
     make("ckf")                             the complete estimator, as ``sins-env`` runs it
     make("ckf", feedback="closed")          settings of the pipeline and of the filter, by name
     names()                                 what there is
+    @register("mine")                       make a filter of your own known by name
 
 The bare filters are in :mod:`solvers.filters`, the contract in :mod:`solvers.types`.
 """
@@ -15,7 +16,10 @@ from typing import Any
 from sins_env.errors import unknown
 from sins_env.types import Estimator
 from solvers import filters
+from solvers.filters import register
 from solvers.pipeline.aligner import Aligner, CoarseAligner
+
+__all__ = ["describe", "make", "names", "register", "settings"]
 
 _PIPELINE = tuple(inspect.signature(Aligner).parameters)[1:]
 _COARSE = {"coarse_inertial": CoarseAligner}

@@ -75,6 +75,9 @@ class Unscented:
     kappa: float = 0.0
 
     def __post_init__(self) -> None:
+        for name in ("alpha", "beta", "kappa"):
+            if not isinstance(getattr(self, name), (int, float)):
+                raise ValueError(f"{name} = {getattr(self, name)!r}: must be a number")
         if not (math.isfinite(self.alpha) and self.alpha > 0.0):
             raise ValueError(f"alpha = {self.alpha!r}: must be a finite number > 0")
         for name in ("beta", "kappa"):

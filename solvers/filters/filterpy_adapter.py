@@ -87,6 +87,8 @@ class FilterpyFilter(ABC):
 class FilterpyKF(FilterpyFilter):
     """KalmanFilter with the tangents of f and h at the origin, as our ``kf``."""
 
+    feedback: ClassVar[str] = "closed"
+
     def run(self, b: Belief, tr: Transition, me: Measurement | None) -> Any:
         n, m = b.mean.size, 1 if me is None else me.z.size
         o = _filterpy().KalmanFilter(dim_x=n, dim_z=m)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 from solvers.blocks.moments import Linearized
 from solvers.filters.gaussian import GaussianFilter
@@ -24,7 +25,9 @@ from solvers.filters.registry import register
 @register("kf")
 @dataclass(frozen=True)
 class KF(GaussianFilter):
-    """The linear Kalman filter of the error dynamics at zero error."""
+    """The linear Kalman filter of the error dynamics at zero error; closed loop, which keeps the error near zero."""
+
+    feedback: ClassVar[str] = "closed"  #: what the pipeline does unless told otherwise
 
     @cached_property
     def rule(self) -> Linearized:

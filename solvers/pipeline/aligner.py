@@ -13,8 +13,8 @@ from sins_env.types import NavState, Observation, Rng, Task
 from solvers.pipeline import feedback as reset
 from solvers.pipeline.coarse_alignment import METHODS, CoarseAlignment
 from solvers.pipeline.error_state import PHI, AlignmentErrors
-from solvers.pipeline.strapdown import Strapdown, StrapdownState
-from solvers.types import Filter, Health
+from solvers.pipeline.strapdown import Strapdown, StrapdownState, cross, end_rate
+from solvers.types import Filter, Health, Measurement
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,8 @@ class Aligner:
     """The estimator around a filter. A told start goes straight to the fine phase; an unknown one begins with the coarse.
 
     ``feedback="open"`` leaves the INS alone and corrects its output, as the thesis does; ``"closed"`` resets velocity
-    and attitude after each fix. ``coarse`` is the method of the coarse phase (:mod:`solvers.pipeline.coarse_alignment`),
+    and attitude after each fix; None: open, but closed for a filter that says so (one that linearises at zero error).
+    ``coarse`` is the method of the coarse phase (:mod:`solvers.pipeline.coarse_alignment`),
     ``model`` and ``bias_frame`` are those of :class:`AlignmentErrors`. The vertical velocity of the INS is slaved to the
     fixes, the position is the told site.
 
@@ -41,9 +42,11 @@ class Aligner:
         *,
         model: str = "exact",
         bias_frame: str = "body",
-        feedback: str = "open",
+        feedback: str | None = None,
         coarse: str = "aided",
     ) -> None:
+        if feedback is None:
+            feedback = getattr(filter, "feedback", "open")
         if feedback not in FEEDBACK:
             raise unknown("feedback", feedback, FEEDBACK)
         if coarse not in METHODS:
@@ -58,6 +61,7 @@ class Aligner:
         self._strapdown = Strapdown(
             earth.get(task.site.earth), task.epoch_s, task.n_sub, task.site.pos, hold_position=True
         )
+        self._rate_ie = earth.rate_n(earth.get(task.site.earth), task.site.latitude)
         self._Q, self._R = self.errors.noise(task.prior), task.prior.R[:2, :2]
         self._lever = np.asarray(task.gps.lever_arm_m) if any(task.gps.lever_arm_m) else None
         self._coarse: CoarseAlignment | None = None
@@ -73,7 +77,7 @@ class Aligner:
             self._coarse.add(obs)
             q_nb = self._coarse.attitude()
             if self._k * self.task.epoch_s >= self.task.coarse_s - 1e-9 * self.task.epoch_s:
-                self._start_fine(NavState(q_nb, _fix_or_zero(obs), self._site()))
+                self._start_fine(NavState(q_nb, self._first_velocity(obs, q_nb), self._site()))
             return q_nb
         return self._fine(obs)
 
@@ -110,8 +114,9 @@ class Aligner:
         valid = obs["gps_valid"][..., 0] == 1
         measurement = None
         if valid.any():
-            self._slave_vertical(obs, valid)
-            measurement = self._measurement(obs, valid)
+            arm = None if self._lever is None else self._arm_velocity(obs, self._ins.nav.q_nb)
+            self._slave_vertical(obs, valid, arm)
+            measurement = self._measurement(obs, valid, arm)
         self._belief, _ = self.filter.step(self._belief, transition, measurement)
         x = self.filter.estimate(self._belief).mean
         if self.feedback == "closed" and measurement is not None:
@@ -119,12 +124,10 @@ class Aligner:
             return self._ins.nav.q_nb
         return reset.corrected(self._ins.nav.q_nb, x[..., PHI])
 
-    def _measurement(self, obs: Observation, valid: NDArray[np.bool_]) -> Any:
+    def _measurement(self, obs: Observation, valid: NDArray[np.bool_], arm: Array | None) -> Measurement:
         assert self._ins is not None
         residual = self._ins.nav.vel - obs["gps_vel"]
-        arm = None
-        if self._lever is not None:
-            arm = self._arm_velocity(obs)
+        if arm is not None:
             residual = residual + arm
         R = self._R
         if not valid.all():
@@ -132,22 +135,23 @@ class Aligner:
             R = R + np.where(valid, 0.0, MISSING_VARIANCE)[..., None, None] * np.eye(2)
         return self.errors.measurement(residual[..., :2], R, arm)
 
-    def _arm_velocity(self, obs: Observation) -> Array:
-        """C_hat (omega_eb x lever arm) (..., 3), the rate at t_k extrapolated from the last two samples."""
-        assert self._ins is not None
-        dtheta, n = obs["dtheta"], self.task.n_sub
-        last = 1.5 * dtheta[..., -1, :] - 0.5 * dtheta[..., -2, :] if n > 1 else dtheta[..., -1, :]
-        C = attitude.to_dcm(self._ins.nav.q_nb)
-        earth_rate = earth.rate_n(earth.get(self.task.site.earth), self.task.site.latitude)
-        rate = np.matmul(C, (last * (n / self.task.epoch_s))[..., None])[..., 0] - earth_rate
-        return np.cross(rate, C @ np.asarray(self._lever))
+    def _arm_velocity(self, obs: Observation, q_nb: Array) -> Array:
+        """C_hat (omega_eb x lever arm) (..., 3): what the antenna, whose velocity a fix is, moves about the IMU."""
+        C = attitude.to_dcm(q_nb)
+        rate = np.matmul(C, end_rate(obs["dtheta"], self.task.epoch_s)[..., None])[..., 0] - self._rate_ie
+        return cross(rate, C @ np.asarray(self._lever))
 
-    def _slave_vertical(self, obs: Observation, valid: NDArray[np.bool_]) -> None:
+    def _slave_vertical(self, obs: Observation, valid: NDArray[np.bool_], arm: Array | None) -> None:
         assert self._ins is not None
         vel = self._ins.nav.vel.copy()
-        share = valid * min(self.task.epoch_s / VERTICAL_TIME_CONSTANT_S, 1.0)
-        vel[..., 2] += share * (obs["gps_vel"][..., 2] - vel[..., 2])
+        off = obs["gps_vel"][..., 2] - vel[..., 2] - (0.0 if arm is None else arm[..., 2])
+        vel[..., 2] += valid * min(self.task.epoch_s / VERTICAL_TIME_CONSTANT_S, 1.0) * off
         self._ins = self._ins._replace(nav=self._ins.nav._replace(vel=vel))
+
+    def _first_velocity(self, obs: Observation, q_nb: Array) -> Array:
+        """The INS's velocity (..., 3) at the end of the coarse phase: the fix's, or zero where there is none."""
+        vel = obs["gps_vel"] if self._lever is None else obs["gps_vel"] - self._arm_velocity(obs, q_nb)
+        return vel * obs["gps_valid"]
 
     def _feed_back(self, x: Array) -> None:
         assert self._ins is not None
@@ -178,8 +182,3 @@ class CoarseAligner:
             self._coarse = CoarseAlignment(self._task, obs["dtheta"].shape[:-2], self.method)
         self._coarse.add(obs)
         return self._coarse.attitude()
-
-
-def _fix_or_zero(obs: Observation) -> Array:
-    """The velocity to begin with: the fix's, (..., 3); zero where there is none."""
-    return obs["gps_vel"] * obs["gps_valid"]

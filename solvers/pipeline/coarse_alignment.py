@@ -19,11 +19,13 @@ from numpy.typing import NDArray
 from sins_env import attitude, earth
 from sins_env.errors import unknown
 from sins_env.types import Observation, Task
-from solvers.pipeline.strapdown import chain, interval_increments
+from solvers.pipeline.strapdown import chain, cross, end_rate, interval_increments
 
 Array = NDArray[np.float64]
 
 METHODS = ("two_vector", "svd", "aided")
+#: what is left of the pairs before the first full window: enough to fill in directions no window has seen
+EARLY_WEIGHT = 1e-4
 EARLY_SHARE = 50 / 180  #: of the coarse phase at which the two-vector method takes its first vector, 000 section 2.4
 WINDOW_S = 60.0  #: of the aided method, at most half of the coarse phase
 
@@ -43,6 +45,8 @@ class CoarseAlignment:
         latitude, _, height = self._pos
         self._gravity = float(earth.gravity(model, latitude, height))
         self._rate = model.rate
+        self._rate_ie = earth.rate_n(model, latitude)
+        self._lever = np.asarray(task.gps.lever_arm_m)
         self._enu = earth.ecef_to_enu(latitude, 0.0)  # the longitude of the start serves as zero
         self._batch, self._k = batch, 0
         self._q = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*batch, 4))
@@ -54,8 +58,11 @@ class CoarseAlignment:
         self._early_profile = np.zeros((*batch, 3, 3))  # the same before the first window is full
         window = min(WINDOW_S, task.coarse_s / 2) if task.coarse_s else WINDOW_S
         self._lag = max(round(window / task.epoch_s), 1)
-        self._ring = np.zeros((2, self._lag, *batch, 3)) if method == "aided" else None
-        self._early = max(round(EARLY_SHARE * task.coarse_s / task.epoch_s), 1)
+        if method == "aided":
+            self._ring = np.zeros((2, self._lag, *batch, 3))
+            self._ring_valid = np.zeros((self._lag, *batch, 1), dtype=bool)
+            self._vel = np.zeros((*batch, 3))
+        self._early = max(round(EARLY_SHARE * (task.coarse_s or task.duration_s) / task.epoch_s), 1)
 
     def add(self, obs: Observation) -> None:
         """One epoch more."""
@@ -67,7 +74,7 @@ class CoarseAlignment:
         self._q = attitude.normalize(attitude.multiply(self._q, relative[..., -1, :]))
         v_i = np.broadcast_to(self._gravity_integral(self._k * self._epoch_s), self._v_b.shape)
         if self.method == "aided":
-            self._add_window(v_i + self._own_velocity(obs))
+            self._add_window(self._v_b + self._antenna(obs), v_i + self._own_velocity(obs), obs["gps_valid"] == 1)
         elif self.method == "svd":
             self._profile = self._profile + self._v_b[..., :, None] * v_i[..., None, :]
         elif self._k <= self._early:
@@ -94,31 +101,37 @@ class CoarseAlignment:
     def _own_velocity(self, obs: Observation) -> Array:
         """What the base's velocity adds to v_i: C_n^i v - C_n^i(0) v(0) + integral of C_n^i (omega_ie x v). D.2.
 
-        The term at the start drops out of the differences. Without a fix the last velocity holds.
+        The term at the start drops out of the differences. Without a fix the last velocity holds in the integral.
         """
-        valid = obs["gps_valid"] == 1
-        self._vel = np.where(valid, obs["gps_vel"], getattr(self, "_vel", np.zeros(3)))
+        self._vel = np.where(obs["gps_valid"] == 1, obs["gps_vel"], self._vel)
         t = self._k * self._epoch_s
         C_n_i = (self._enu @ self._earth_turn(t)).T
-        rate = self._rate * np.array([0.0, np.cos(self._pos[0]), np.sin(self._pos[0])])
-        self._swept = self._swept + self._epoch_s * np.cross(rate, self._vel) @ C_n_i.T
+        self._swept = self._swept + self._epoch_s * cross(self._rate_ie, self._vel) @ C_n_i.T
         return self._vel @ C_n_i.T + self._swept
 
-    def _add_window(self, v_i: Array) -> None:
-        """The pair of differences across the window, and until one is full the pair since the start."""
-        assert self._ring is not None
+    def _antenna(self, obs: Observation) -> Array:
+        """Velocity of the antenna about the IMU in the axes of the start, (..., 3): the fixes are the antenna's."""
+        if not self._lever.any():
+            return np.zeros(3)
+        about = cross(end_rate(obs["dtheta"], self._epoch_s), self._lever)
+        return np.matmul(attitude.to_dcm(self._q), about[..., None])[..., 0]
+
+    def _add_window(self, v_b: Array, v_i: Array, valid: NDArray[np.bool_]) -> None:
+        """The difference across the window where both its ends have a fix; until one is full, the pair since the start."""
         slot = self._k % self._lag
         if self._k > self._lag:
-            d_b, d_i = self._v_b - self._ring[0, slot], v_i - self._ring[1, slot]
-            self._profile = self._profile + d_b[..., :, None] * d_i[..., None, :]
+            d_b, d_i = v_b - self._ring[0, slot], v_i - self._ring[1, slot]
+            both = (valid & self._ring_valid[slot])[..., None]
+            self._profile = self._profile + both * (d_b[..., :, None] * d_i[..., None, :])
         else:
-            self._early_profile = self._early_profile + self._v_b[..., :, None] * v_i[..., None, :]
-        self._ring[0, slot], self._ring[1, slot] = self._v_b, v_i
+            self._early_profile = self._early_profile + v_b[..., :, None] * v_i[..., None, :]
+        self._ring[0, slot], self._ring[1, slot], self._ring_valid[slot] = v_b, v_i, valid
 
     def _wahba(self) -> Array:
         """C_ib0^i of the least-squares fit v_i = C v_b to all pairs. equations.md D.2."""
-        # The pairs since the start fade out as the windows, which the velocity at the start does not bias, spread.
-        fade = max(1.0 - max(self._k - self._lag, 0) / self._lag, 0.1) ** 4
+        # The pairs since the start, which the velocity there biases, fade out over the time of one more window: at once
+        # they would leave windows of nearly one direction, and no azimuth.
+        fade = max((1.0 - min(max(self._k / self._lag - 1.0, 0.0), 1.0)) ** 4, EARLY_WEIGHT)
         U, _, Vt = np.linalg.svd(self._profile + fade * self._early_profile)
         proper = np.linalg.det(U) * np.linalg.det(Vt)
         V = np.swapaxes(Vt, -1, -2).copy()

@@ -114,6 +114,13 @@ def cross_planes(a: Array, b: Array) -> Array:
     return out
 
 
+def end_rate(dtheta: Array, epoch_s: float) -> Array:
+    """omega_ib^b (..., 3) at the end of an epoch, extrapolated from its last two samples (..., n_sub, 3)."""
+    n_sub = dtheta.shape[-2]
+    last = dtheta[..., -1, :]
+    return (1.5 * last - 0.5 * dtheta[..., -2, :] if n_sub > 1 else last) * (n_sub / epoch_s)
+
+
 def chain(rotation: Array, dvel_b: Array) -> tuple[Array, Array, Array]:
     """The intervals strung together, in the body axes at the start of the epoch.
 

@@ -30,9 +30,10 @@ def run(solver, runs, seed=1, spoil=None, settings=None, **kwargs):
     return np.array(errors), estimator
 
 
-def test_ckf_on_sway_white_reaches_the_information_limit():
+@pytest.mark.parametrize("solver", ["kf", "ekf", "ukf", "ckf"])
+def test_sway_white_reaches_the_information_limit(solver):
     """100 runs: RMS +-7 % (1 sigma) about 750 arcsec; the NEES of a matched prior in its 99.9 % band."""
-    phi, estimator = run("ckf", 100, seed=7)
+    phi, estimator = run(solver, 100, seed=7)
     final = phi[-1] / ARCSEC
     rms = np.sqrt(np.mean(final**2, axis=0))
     assert 600 < rms[2] < 950
@@ -128,6 +129,25 @@ def test_a_lever_arm_is_taken_into_account():
     told, untold = rms(False), rms(True)
     assert np.all(told < 1.3 * reference)
     assert np.all(untold > 2 * told)
+
+
+def test_a_lever_arm_in_the_coarse_phase_and_at_the_hand_over():
+    """Errors right after the hand-over, when the first velocity decides, are what the filter says (NEES 3 expected)."""
+    runs = 50
+    arm = {"lever_arm_m": [5.0, 5.0, 5.0], "vel_std_mps": 0.01}
+    phi, estimator = run("ckf", runs, start="unknown", coarse=99.0, duration=100.0, gps=arm)
+    P = estimator.covariance()
+    nees = np.sum(phi[-1] * np.linalg.solve(P, phi[-1][..., None])[..., 0], axis=-1).mean() / 3
+    assert nees < stats.chi2.ppf(0.999, 3 * runs) / (3 * runs)
+    aided = np.degrees(phi[985, :, 2])  # an antenna that swings tells the heading
+    without, _ = run("ckf", runs, start="unknown", coarse=99.0, duration=100.0, gps={"vel_std_mps": 0.01})
+    assert aided.std() < 0.5 * np.degrees(without[985, :, 2]).std()
+
+
+def test_the_filter_says_whether_the_loop_is_closed():
+    assert solvers.make("kf").feedback == solvers.make("filterpy_kf").feedback == "closed"
+    assert solvers.make("ckf").feedback == "open"
+    assert solvers.make("kf", feedback="open").feedback == "open"
 
 
 def test_a_run_with_a_broken_sensor_fails_alone():

@@ -70,6 +70,26 @@ def test_the_longitude_does_not_matter_and_a_batch_is_its_runs():
         assert attitude.rotation_angle(error) < 1e-9
 
 
+def test_sparse_fixes_do_not_harm():
+    """At 1 Hz only the epochs with a fix make windows: a tenth of the pairs, not stale velocities."""
+    dense, sparse = (
+        np.degrees(align("aided", 120.0, 50, gps={"vel_std_mps": 0.01, "rate_hz": rate})[-1, :, 2]).std()
+        for rate in (10.0, 1.0)
+    )
+    assert sparse < 1.5 * dense
+
+
+def test_two_vectors_without_a_coarse_phase_take_the_whole_episode():
+    env = gymnasium.make_vec("SINS/AlignStatic-v0", num_envs=1, duration=60.0, imu="perfect", gps="perfect", n_sub=3)
+    obs, _ = env.reset(seed=1)
+    solver = solvers.make("coarse_inertial", method="two_vector")
+    solver.reset(env.unwrapped.task, None, 1)
+    for _ in range(599):
+        obs, _, _, _, info = env.step(solver.step(obs))
+    assert np.degrees(np.abs(info["errors"]["phi"])).max() * 3600 < 1.0
+    assert solver._coarse._early == round(60 * 50 / 180 / 0.1)
+
+
 def test_unknown_method():
     with pytest.raises(ValueError, match="svd"):
         solvers.make("coarse_inertial", method="svdd")
@@ -108,7 +128,7 @@ def test_coarse_heading_of_the_parked_car():
 
 
 @needs_recording
-@pytest.mark.parametrize("solver", ["ekf", "ukf", "ckf"])
+@pytest.mark.parametrize("solver", ["kf", "ekf", "ukf", "ckf"])
 @pytest.mark.parametrize("method", ["svd", "aided"])
 def test_fine_heading_of_the_parked_car(solver, method):
     """90 s coarse, 210 s fine with zero-velocity updates, from every 150 s."""
