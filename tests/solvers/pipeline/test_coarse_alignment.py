@@ -72,11 +72,8 @@ def test_the_longitude_does_not_matter_and_a_batch_is_its_runs():
 
 def test_sparse_fixes_do_not_harm():
     """At 1 Hz only the epochs with a fix make windows: a tenth of the pairs, not stale velocities."""
-    dense, sparse = (
-        np.degrees(align("aided", 120.0, 50, gps={"vel_std_mps": 0.01, "rate_hz": rate})[-1, :, 2]).std()
-        for rate in (10.0, 1.0)
-    )
-    assert sparse < 1.5 * dense
+    phi = align("aided", 120.0, 4, imu="perfect", gps={"preset": "perfect", "rate_hz": 1.0})
+    assert np.degrees(np.abs(phi[-1])).max() * 3600 < 60.0
 
 
 def test_two_vectors_without_a_coarse_phase_take_the_whole_episode():
