@@ -99,15 +99,15 @@ def load(path: str | os.PathLike[str]) -> Recording:
 
 
 def _find(path: Path) -> Path:
-    folder = os.environ.get(DATA_VARIABLE)
-    places = [path] if folder is None or path.is_absolute() else [path, Path(folder) / path]
+    folder = os.environ.get(DATA_VARIABLE)  # empty is as good as unset
+    places = list(dict.fromkeys([path, Path(folder) / path] if folder else [path]))
     for place in places:
         if place.is_file():
             return place
-    names = sorted(p.name for place in places if place.parent.is_dir() for p in place.parent.glob("*.npz"))
-    near = difflib.get_close_matches(path.name, names, n=1, cutoff=0.4)
-    hint = f"; did you mean {near[0]!r}?" if near else f"; recordings there: {', '.join(names) or 'none'}"
-    unset = "" if folder is not None else f" (${DATA_VARIABLE} is not set)"
+    names = sorted({p.name for place in places if place.parent.is_dir() for p in place.parent.glob("*.npz")})
+    near = difflib.get_close_matches(path.stem, [name.removesuffix(".npz") for name in names], n=1, cutoff=0.6)
+    hint = f"; did you mean '{near[0]}.npz'?" if near else f"; recordings there: {', '.join(names) or 'none'}"
+    unset = "" if folder else f" (${DATA_VARIABLE} is not set)"
     sought = " and ".join(map(str, places))
     raise FileNotFoundError(f"no recording {str(path)!r}; sought at {sought}{unset}{hint}")
 

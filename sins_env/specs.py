@@ -1,23 +1,25 @@
-"""Sensors and priors in the units of datasheets, and the named presets.
+"""Sensors and priors in the units of datasheets.
 
-Fields carry their unit in their name; properties give SI. A preset or a dict of fields is accepted wherever a spec
-is asked for (:func:`imu_spec`, :func:`gps_spec`).
+Fields carry their unit in their name; properties give SI. A preset's name (:mod:`sins_env.presets`) or a dict of
+fields is accepted wherever a spec is asked for (:func:`imu_spec`, :func:`gps_spec`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sins_env import checks, presets
 from sins_env.errors import build, unknown
 
 Array = NDArray[np.float64]
+Check = Callable[[str, Any], Any]  #: name, given -> the value; raises
 S = TypeVar("S", "ImuSpec", "GpsSpec")
 
 G0 = 9.80665  #: m/s^2, the "g" of sensor specifications
@@ -29,12 +31,38 @@ UG = 1e-6 * G0  #: m/s^2, and m/s/sqrt(s) for micro-g per sqrt(Hz)
 PPM = 1e-6
 
 
-def _check_not_negative(spec: Any, names: tuple[str, ...]) -> None:
-    for name in names:
-        value = getattr(spec, name)
-        number = np.asarray(value)
-        if number.dtype.kind not in "iuf" or not np.all(np.isfinite(number)) or np.any(number < 0):
-            raise ValueError(f"{type(spec).__name__}.{name} = {value!r}; allowed: finite and not negative")
+_INTERVAL = "(start, end) in s, 0 <= start < end"
+
+_not_negative = partial(checks.number, allowed="a finite number, not negative", least=0.0)
+_correlation_time = partial(checks.number, allowed="a positive correlation time in seconds", above=0.0)
+
+
+def _one_or_three(name: str, given: Any) -> float | tuple[float, ...]:
+    allowed = "one finite number or three (E, N, U), not negative"
+    if checks.items(given) is None:
+        return checks.number(name, given, allowed, least=0.0)
+    return checks.numbers(name, given, 3, allowed, least=0.0)
+
+
+def _intervals(name: str, given: Any) -> tuple[tuple[float, float], ...]:
+    pairs = checks.items(given)
+    if pairs is None:
+        raise checks.refused(name, given, f"a list of {_INTERVAL}")
+    return tuple(checks.interval(f"{name} = {given!r}: interval", pair, _INTERVAL) for pair in pairs)
+
+
+def _duration_or_interval(name: str, given: Any) -> float | tuple[float, float]:
+    allowed = f"a duration in s, not negative, or {_INTERVAL}"
+    if checks.items(given) is None:
+        return checks.number(name, given, allowed, least=0.0)
+    return checks.interval(name, given, allowed)
+
+
+def _check_fields(spec: Any, special: Mapping[str, Check]) -> None:
+    """Every field becomes what its check returns: plain numbers, and tuples of the lists of JSON."""
+    for name in (f.name for f in fields(spec)):
+        check = special.get(name, _not_negative)
+        object.__setattr__(spec, name, check(f"{type(spec).__name__}.{name}", getattr(spec, name)))
 
 
 @dataclass(frozen=True)
@@ -58,10 +86,7 @@ class ImuSpec:
     accel_lsb_mps: float = 0.0
 
     def __post_init__(self) -> None:
-        _check_not_negative(self, tuple(f.name for f in fields(self)))
-        for name in ("gyro_markov_s", "accel_markov_s"):
-            if getattr(self, name) == 0:
-                raise ValueError(f"ImuSpec.{name} = 0; allowed: a positive correlation time in seconds")
+        _check_fields(self, {"gyro_markov_s": _correlation_time, "accel_markov_s": _correlation_time})
 
     @property
     def arw(self) -> float:
@@ -96,25 +121,16 @@ class GpsSpec:
     jump_s: float | tuple[float, float] = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("vel_std_mps", "pos_std_m", "lever_arm_m", "jump_s"):  # lists from JSON become tuples
-            value = getattr(self, name)
-            if isinstance(value, (list, tuple, np.ndarray)):
-                object.__setattr__(self, name, tuple(float(v) for v in value))
-        object.__setattr__(self, "outages_s", tuple((float(a), float(b)) for a, b in self.outages_s))
-        plain = {f.name for f in fields(self)} - {"lever_arm_m", "outages_s"}
-        _check_not_negative(self, tuple(sorted(plain)))
-        for name in ("vel_std_mps", "pos_std_m"):
-            if np.size(getattr(self, name)) not in (1, 3):
-                raise ValueError(f"GpsSpec.{name} = {getattr(self, name)!r}; allowed: one number or three (E, N, U)")
-        if len(self.lever_arm_m) != 3 or not np.all(np.isfinite(self.lever_arm_m)):
-            raise ValueError(f"GpsSpec.lever_arm_m = {self.lever_arm_m!r}; allowed: three finite numbers (R, F, U)")
-        if not 0 <= self.contamination <= 1:
-            raise ValueError(f"GpsSpec.contamination = {self.contamination!r}; allowed: 0 to 1")
-        if not (math.isfinite(self.rate_hz) and self.rate_hz > 0):
-            raise ValueError(f"GpsSpec.rate_hz = {self.rate_hz!r}; allowed: positive")
-        for start, end in (*self.outages_s, *((self.jump_s,) if isinstance(self.jump_s, tuple) else ())):
-            if not 0 <= start < end:
-                raise ValueError(f"GpsSpec interval {(start, end)!r}; allowed: (start, end) in s, 0 <= start < end")
+        special: dict[str, Check] = {
+            "vel_std_mps": _one_or_three,
+            "pos_std_m": _one_or_three,
+            "rate_hz": partial(checks.number, allowed="a positive number", above=0.0),
+            "lever_arm_m": partial(checks.numbers, count=3, allowed="three finite numbers (R, F, U)"),
+            "outages_s": _intervals,
+            "contamination": partial(checks.number, allowed="a number from 0 to 1", least=0.0, most=1.0),
+            "jump_s": _duration_or_interval,
+        }
+        _check_fields(self, special)
 
     @property
     def vel_std(self) -> Array:
@@ -138,6 +154,7 @@ class Prior:
 
     ``P0`` and ``Q`` order the 15 errors as phi E N U (rad), velocity E N U (m/s), position E N U (m), gyro bias
     R F U (rad/s), accelerometer bias R F U (m/s^2); ``R`` orders velocity (m/s), position (m). ``Q`` is per epoch.
+    The arrays are read-only, for every run is told the same ones.
     """
 
     attitude_std_deg: tuple[float, ...]
@@ -161,18 +178,27 @@ class Prior:
             *[self.gyro_bias_std_deg_h * DEG_PER_H] * 3,
             *[self.accel_bias_std_ug * UG] * 3,
         ]
-        return np.diag(np.square(std))
+        return _frozen(np.diag(np.square(std)))
 
     @cached_property
     def Q(self) -> Array:
         """(15, 15) covariance of the noise of one epoch: diag(N^2, VRW^2, 0, 0, 0) epoch."""
         std = [self.arw_deg_sqrt_h * DEG_PER_SQRT_H] * 3 + [self.vrw_ug_sqrt_hz * UG] * 3 + [0.0] * 9
-        return np.diag(np.square(std)) * self.epoch_s
+        return _frozen(np.diag(np.square(std)) * self.epoch_s)
 
     @cached_property
     def R(self) -> Array:
         """(6, 6) covariance of a fix: velocity m/s, position m."""
-        return np.diag(np.square([*self.gps_vel_std_mps, *self.gps_pos_std_m]))
+        return _frozen(np.diag(np.square([*self.gps_vel_std_mps, *self.gps_pos_std_m])))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the arrays, which a copy or another process would get writeable."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+
+def _frozen(array: Array) -> Array:
+    array.setflags(write=False)
+    return array
 
 
 #: 1-sigma start errors that the environment draws and the matched prior tells.
@@ -196,8 +222,8 @@ def matched_prior(imu: ImuSpec, gps: GpsSpec, epoch_s: float, attitude_std_deg: 
         accel_bias_std_ug=max(math.hypot(imu.accel_bias_ug, imu.accel_markov_ug), 1e-3 * floor.accel_bias_ug),
         arw_deg_sqrt_h=imu.arw_deg_sqrt_h,
         vrw_ug_sqrt_hz=imu.vrw_ug_sqrt_hz,
-        gps_vel_std_mps=tuple(np.maximum(gps.vel_std, 1e-4)),
-        gps_pos_std_m=tuple(np.maximum(gps.pos_std, 1e-3)),
+        gps_vel_std_mps=tuple(np.maximum(gps.vel_std, 1e-4).tolist()),
+        gps_pos_std_m=tuple(np.maximum(gps.pos_std, 1e-3).tolist()),
         epoch_s=epoch_s,
     )
 
@@ -220,69 +246,8 @@ def thesis_prior(imu: ImuSpec, gps: GpsSpec, epoch_s: float, attitude_std_deg: t
 
 PRIORS = {"matched": matched_prior, "thesis": thesis_prior}
 
-# 000 section 2.5.3: "white noise 50e-6 g" read as the std of a 100 Hz sample, 5 ug/sqrt(Hz) (equations.md I).
-_THESIS = ImuSpec(gyro_bias_deg_h=0.02, arw_deg_sqrt_h=0.01, accel_bias_ug=100.0, vrw_ug_sqrt_hz=5.0)
-
-IMU_PRESETS: dict[str, ImuSpec] = {
-    "perfect": ImuSpec(),
-    "thesis-white": _THESIS,
-    # The accelerometers have the Gauss-Markov bias alone: nabla = GM + white (equations.md S.1, bound.md 5)
-    "thesis-markov": replace(
-        _THESIS,
-        gyro_markov_deg_h=0.1,
-        gyro_markov_s=3600.0,
-        accel_bias_ug=0.0,
-        accel_markov_ug=100.0,
-        accel_markov_s=900.0,
-    ),
-    # 000 chapter 6, with the pulse weights of ../shared/data/rlg_parked_car.npz
-    "rlg-car": ImuSpec(
-        gyro_bias_deg_h=0.01,
-        arw_deg_sqrt_h=0.005,
-        accel_bias_ug=100.0,
-        vrw_ug_sqrt_hz=5.0,
-        gyro_lsb_arcsec=0.1,
-        accel_lsb_mps=1.222540875e-3,
-    ),
-    "navigation": ImuSpec(
-        gyro_bias_deg_h=0.005,
-        arw_deg_sqrt_h=0.002,
-        accel_bias_ug=30.0,
-        vrw_ug_sqrt_hz=10.0,
-        scale_ppm=5.0,
-        misalignment_arcsec=5.0,
-    ),
-    "tactical": ImuSpec(
-        gyro_bias_deg_h=1.0,
-        arw_deg_sqrt_h=0.1,
-        gyro_markov_deg_h=0.3,
-        gyro_markov_s=600.0,
-        accel_bias_ug=1000.0,
-        vrw_ug_sqrt_hz=100.0,
-        accel_markov_ug=50.0,
-        accel_markov_s=600.0,
-        scale_ppm=300.0,
-        misalignment_arcsec=60.0,
-    ),
-    "mems": ImuSpec(
-        gyro_bias_deg_h=20.0,
-        arw_deg_sqrt_h=0.3,
-        gyro_markov_deg_h=5.0,
-        gyro_markov_s=200.0,
-        accel_bias_ug=5000.0,
-        vrw_ug_sqrt_hz=150.0,
-        accel_markov_ug=100.0,
-        accel_markov_s=200.0,
-        scale_ppm=1000.0,
-        misalignment_arcsec=200.0,
-    ),
-}
-
-GPS_PRESETS: dict[str, GpsSpec] = {
-    "perfect": GpsSpec(vel_std_mps=0.0, pos_std_m=0.0),
-    "thesis": GpsSpec(vel_std_mps=0.1, pos_std_m=10.0, rate_hz=10.0),
-    "dgps": GpsSpec(vel_std_mps=0.03, pos_std_m=(0.5, 0.5, 1.0), rate_hz=10.0),
-}
+IMU_PRESETS: dict[str, ImuSpec] = {name: ImuSpec(**values) for name, values in presets.IMU.items()}
+GPS_PRESETS: dict[str, GpsSpec] = {name: GpsSpec(**values) for name, values in presets.GPS.items()}
 
 
 def imu_spec(given: str | Mapping[str, Any] | ImuSpec) -> ImuSpec:
@@ -299,21 +264,21 @@ def gps_spec(given: str | Mapping[str, Any] | GpsSpec) -> GpsSpec:
     return _resolve(given, GpsSpec, GPS_PRESETS, "thesis")
 
 
-def _resolve(given: Any, cls: type[S], presets: Mapping[str, S], base: str) -> S:
+def _resolve(given: Any, cls: type[S], named: Mapping[str, S], base: str) -> S:
     kind = f"{cls.__name__[:3].upper()} preset"
     if isinstance(given, cls):
         return given
     if isinstance(given, str):
-        if given not in presets:
-            raise unknown(kind, given, presets)
-        return presets[given]
+        if given not in named:
+            raise unknown(kind, given, named)
+        return named[given]
     if not isinstance(given, Mapping):
         raise ValueError(
             f"{kind}: {given!r}; allowed: a preset's name, a dict of {cls.__name__} fields, a {cls.__name__}"
         )
     settings = dict(given)
-    start = presets.get(str(settings.get("preset", base)))
+    start = named.get(str(settings.get("preset", base)))
     if start is None:
-        raise unknown(kind, settings["preset"], presets)
+        raise unknown(kind, settings["preset"], named)
     settings.pop("preset", None)
     return build(cls, {**{f.name: getattr(start, f.name) for f in fields(cls)}, **settings}, cls.__name__)

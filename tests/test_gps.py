@@ -174,8 +174,52 @@ def test_lever_arm_against_differences_of_the_antenna_position():
         ("contamination", 1.5),
         ("outages_s", ((3.0, 2.0),)),
         ("jump_s", (5.0, 4.0)),
+        ("vel_std_mps", "0.1"),
+        ("vel_std_mps", [[1], [2, 3]]),
+        ("vel_std_mps", None),
+        ("pos_std_m", [1.0, 2.0, -3.0]),
+        ("rate_hz", [1, 2]),
+        ("rate_hz", np.inf),
+        ("rate_hz", True),
+        ("lever_arm_m", 3.0),
+        ("lever_arm_m", "abc"),
+        ("lever_arm_m", [1, 2, "3"]),
+        ("outages_s", [1, 2]),
+        ("outages_s", 5),
+        ("outages_s", None),
+        ("outages_s", [[1, 2, 3]]),
+        ("outages_s", [[1, 2], [4, 3]]),
+        ("contamination", [0.1, 0.2]),
+        ("contamination_factor", [1, 2]),
+        ("heavy_tail_dof", [3, 3]),
+        ("jump_mps", [1.0, 2]),
+        ("jump_mps", 10**400),
+        ("jump_s", [5]),
+        ("jump_s", [5, 6, 7]),
+        ("jump_s", "5"),
     ],
 )
-def test_bad_specs(field, value):
-    with pytest.raises(ValueError, match=r"GpsSpec.*allowed"):
+def test_bad_specs_name_the_field_the_value_and_what_is_allowed(field, value):
+    with pytest.raises(ValueError) as error:  # noqa: PT011  the message is compared below
         GpsSpec(**{field: value})
+    message = str(error.value)
+    assert message.startswith(f"GpsSpec.{field} = {value!r}")
+    assert "; allowed: " in message or ": interval = " in message
+    assert "inhomogeneous" not in message
+
+
+def test_bad_intervals_are_named():
+    with pytest.raises(
+        ValueError, match=r"outages_s = \[\[1, 2\], \[4, 3\]\]: interval = \[4, 3\]; allowed: \(start, end\)"
+    ):
+        GpsSpec(outages_s=[[1, 2], [4, 3]])
+
+
+def test_specs_hold_plain_values():
+    given = GpsSpec(
+        vel_std_mps=np.array([1, 2, 3]), rate_hz=np.float32(5), outages_s=np.array([[1, 2]]), jump_s=[1, np.int64(2)]
+    )
+    assert repr(given) == repr(
+        GpsSpec(vel_std_mps=(1.0, 2.0, 3.0), rate_hz=5.0, outages_s=((1.0, 2.0),), jump_s=(1.0, 2.0))
+    )
+    assert "np." not in repr(given)

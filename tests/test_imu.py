@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -170,3 +172,17 @@ def test_standard_normal_needs_no_common_stream():
     a = standard_normal(rngs(4), (3, 2))
     b = standard_normal(rngs(4)[::-1], (3, 2))
     assert_array_equal(a, b[::-1])
+
+
+@pytest.mark.parametrize("field", [f.name for f in dataclasses.fields(ImuSpec)])
+@pytest.mark.parametrize("value", [[1, 2, 3], "1", None, True, -1.0, np.nan, {}, np.ones(1)], ids=repr)
+def test_bad_specs_name_the_field_the_value_and_what_is_allowed(field, value):
+    with pytest.raises(ValueError) as error:  # noqa: PT011  the message is compared below
+        ImuSpec(**{field: value})
+    assert str(error.value).startswith(f"ImuSpec.{field} = {value!r}; allowed: a ")
+
+
+@pytest.mark.parametrize("field", ["gyro_markov_s", "accel_markov_s"])
+def test_a_correlation_time_is_positive(field):
+    with pytest.raises(ValueError, match=f"ImuSpec.{field} = 0; allowed: a positive correlation time"):
+        ImuSpec(**{field: 0})

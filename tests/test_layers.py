@@ -10,7 +10,15 @@ SOURCES = sorted((ROOT / "sins_env").rglob("*.py")) + sorted((ROOT / "solvers").
 
 #: Layers from the bottom up; a module imports from its own layer or from those below.
 LAYERS = (
-    ("sins_env.errors", "sins_env.earth", "sins_env.attitude", "sins_env.specs", "sins_env.types"),
+    (
+        "sins_env.errors",
+        "sins_env.checks",
+        "sins_env.earth",
+        "sins_env.attitude",
+        "sins_env.presets",
+        "sins_env.specs",
+        "sins_env.types",
+    ),
     ("sins_env.trajectory", "sins_env.imu", "sins_env.gps", "sins_env.recordings", "sins_env.allan"),
     ("sins_env.envs", "sins_env.figures"),
     ("sins_env.evaluation",),

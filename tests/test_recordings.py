@@ -105,6 +105,24 @@ def test_missing_file_says_where_and_offers_the_nearest(tmp_path, monkeypatch):
         load(tmp_path)  # a folder
 
 
+def test_a_distant_name_is_not_offered(tmp_path, monkeypatch):
+    files.counts(tmp_path / "e.npz")
+    monkeypatch.setenv("SINS_ENV_DATA", str(tmp_path))
+    with pytest.raises(FileNotFoundError, match=r"; recordings there: e\.npz$"):
+        load("rlg_parked_car.npz")
+
+
+@pytest.mark.parametrize(("folder", "places"), [("", 1), (".", 1), ("data", 2)])
+def test_each_place_is_named_once(tmp_path, monkeypatch, folder, places):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SINS_ENV_DATA", folder)
+    with pytest.raises(FileNotFoundError) as error:
+        load("nowhere.npz")
+    sought = str(error.value).partition("sought at ")[2].partition(";")[0]
+    assert sought.count("nowhere.npz") == places
+    assert ("is not set" in sought) == (not folder)
+
+
 def test_missing_file_without_a_data_folder(no_data, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(FileNotFoundError, match=r"\$SINS_ENV_DATA is not set.*recordings there: none"):

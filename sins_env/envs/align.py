@@ -12,12 +12,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from sins_env import checks
 from sins_env.envs.episode import Episode, Obs
 from sins_env.envs.rendering import Renderer
 from sins_env.envs.settings import AlignSettings
 from sins_env.envs.spaces import attitude_action_space, observation_space
 from sins_env.envs.world import SwayWorld, World
-from sins_env.errors import unknown
 from sins_env.types import Task
 
 Array = NDArray[np.float64]
@@ -25,9 +25,23 @@ RENDER_MODES = ("rgb_array",)
 
 
 def _check_render_mode(render_mode: str | None) -> str | None:
-    if render_mode is not None and render_mode not in RENDER_MODES:
-        raise unknown("render_mode", render_mode, RENDER_MODES)
-    return render_mode
+    return None if render_mode is None else checks.choice("render_mode", render_mode, RENDER_MODES)
+
+
+def _check_seeds(seed: Any, rows: int) -> list[int | None]:
+    """One seed per row: an int is that of row 0, and the others follow on; a list is taken as it is."""
+
+    def fits(value: Any) -> bool:
+        return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and bool(value >= 0)
+
+    if seed is None or fits(seed):
+        return [None if seed is None else int(seed) + i for i in range(rows)]
+    seeds = checks.items(seed)
+    if seeds is None or not all(s is None or fits(s) for s in seeds):
+        raise checks.refused("seed", seed, f"None, a whole number from 0 on, or a list of {rows} of them")
+    if len(seeds) != rows:
+        raise ValueError(f"{len(seeds)} seeds; allowed: one int, or {rows} seeds, one per row")
+    return [None if s is None else int(s) for s in seeds]
 
 
 def _check_action(action: Any, shape: tuple[int, ...]) -> Array:
@@ -88,9 +102,7 @@ class AlignVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
     def __init__(
         self, num_envs: int = 1, render_mode: str | None = None, *, reveal_truth: bool = False, **settings: Any
     ) -> None:
-        if num_envs < 1:
-            raise ValueError(f"num_envs = {num_envs!r}; allowed: at least 1")
-        self.num_envs = num_envs
+        self.num_envs = checks.whole("num_envs", num_envs, "at least 1", least=1)
         self.render_mode = _check_render_mode(render_mode)
         self.episode = Episode(type(self).world(**settings), reveal_truth)
         self.single_observation_space = observation_space(self.task.n_sub)
@@ -109,16 +121,10 @@ class AlignVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Obs, dict[str, Any]]:
-        if seed is None or isinstance(seed, (int, np.integer)):
-            seeds: Sequence[int | None] = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
-        else:
-            seeds = seed
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"{len(seeds)} seeds; allowed: one int, or {self.num_envs} seeds, one per row")
+        seeds = _check_seeds(seed, self.num_envs)
         old: Sequence[Any] = self._rngs or [None] * self.num_envs
         self._rngs = [
-            rng if s is None and rng is not None else seeding.np_random(None if s is None else int(s))[0]
-            for s, rng in zip(seeds, old, strict=True)
+            rng if s is None and rng is not None else seeding.np_random(s)[0] for s, rng in zip(seeds, old, strict=True)
         ]
         self._over = False
         obs, info = self.episode.reset(self._rngs, options)

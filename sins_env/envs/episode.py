@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env import attitude
+from sins_env import attitude, checks
 from sins_env.envs.world import World
 from sins_env.types import NavState, Task
 
@@ -21,17 +21,22 @@ WORST_REWARD = -180.0
 WORST_PHI = np.array([np.pi / 2, np.pi, np.pi])  #: the largest error that phi (E, N, U) can express
 
 
+def failed_epochs(action: Array) -> NDArray[np.bool_]:
+    """Which of the actions (runs, 4) are no attitude: not finite, or of zero norm."""
+    size = np.max(np.abs(action), axis=-1)
+    return ~(np.isfinite(size) & (size > 0))
+
+
 def score_attitude(action: Array, truth: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Errors phi (runs, 3) rad, rewards (runs,) minus degrees, and failed epochs, of actions q_nb (runs, 4).
 
     The action is normalised. A non-finite or zero-norm one is a failed epoch with the worst errors and reward.
     """
-    size = np.max(np.abs(action), axis=-1)
-    failed = ~(np.isfinite(size) & (size > 0))
+    failed = failed_epochs(action)
     if failed.any():
-        identity = np.array([1.0, 0.0, 0.0, 0.0])
-        action, size = np.where(failed[:, None], identity, action), np.where(failed, 1.0, size)
-    q = attitude.normalize(action / size[:, None])  # scaled first: squares of huge or tiny numbers leave the range
+        action = np.where(failed[:, None], [1.0, 0.0, 0.0, 0.0], action)
+    size = np.max(np.abs(action), axis=-1, keepdims=True)
+    q = attitude.normalize(action / size)  # scaled first: squares of huge or tiny numbers leave the range
     error = attitude.multiply(q, attitude.conjugate(truth))
     phi = attitude.misalignment_from_dcm(attitude.to_dcm(error))
     reward = -np.degrees(attitude.rotation_angle(error))
@@ -41,9 +46,14 @@ def score_attitude(action: Array, truth: Array) -> tuple[Array, Array, NDArray[n
 
 
 class Episode:
-    """K observations and K steps; observation k covers (t_{k-1}, t_k], step k scores the action at t_k."""
+    """K observations and K steps; observation k covers (t_{k-1}, t_k], step k scores the action at t_k.
+
+    Without a reference errors and rewards are 0, those of a failed epoch too: there ``failed`` alone tells, and
+    ``info["scored"]`` is False.
+    """
 
     def __init__(self, world: World, reveal_truth: bool) -> None:
+        checks.flag("reveal_truth", reveal_truth)
         if reveal_truth and not world.scored:
             raise ValueError("reveal_truth = True; allowed: False, this recording has no reference")
         self.world, self.reveal_truth = world, reveal_truth
@@ -77,11 +87,11 @@ class Episode:
             raise RuntimeError("step() before reset(): reset the environment first")
         if self.k > self.task.num_epochs:
             raise RuntimeError("step() after the end of the episode: reset the environment first")
+        action = np.asarray(action, dtype=float)
         if self.world.scored:
-            phi, reward, failed = score_attitude(np.asarray(action, dtype=float), self._truth.q_nb)
+            phi, reward, failed = score_attitude(action, self._truth.q_nb)
         else:
-            bad = ~np.isfinite(np.asarray(action, dtype=float)).all(axis=-1)
-            phi, reward, failed = np.zeros((len(bad), 3)), np.zeros(len(bad)), bad
+            phi, reward, failed = np.zeros((len(action), 3)), np.zeros(len(action)), failed_epochs(action)
         info: dict[str, Any] = {"errors": {"phi": phi}, "failed": failed}
         if not self.world.scored:
             info["scored"] = np.zeros(len(failed), dtype=bool)

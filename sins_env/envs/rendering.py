@@ -38,7 +38,7 @@ class Renderer:
         self._t.append(t)
         self._phi.append(phi)
         if not failed:
-            self._q = attitude.normalize(q_nb)
+            self._q = attitude.normalize(q_nb / np.max(np.abs(q_nb)))
 
     def draw(self) -> NDArray[np.uint8]:
         """(480, 960, 3) RGB."""

@@ -8,140 +8,24 @@ or one index for the first row, the others following on.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env import attitude, recordings
+from sins_env import attitude, checks, recordings
 from sins_env.envs.align import AlignEnv, AlignVectorEnv
-from sins_env.envs.settings import STARTS, check_misalignment, check_number
+from sins_env.envs.replay_settings import ReplaySettings
 from sins_env.envs.windows import Windows
 from sins_env.envs.world import ChunkedWorld, World, told_start
 from sins_env.errors import build, unknown
 from sins_env.gps import epochs_per_fix
 from sins_env.imu import standard_normal
-from sins_env.specs import (
-    COARSE_STD_DEG,
-    GPS_PRESETS,
-    PRIORS,
-    TOLD_START_STD_DEG,
-    GpsSpec,
-    gps_spec,
-    imu_spec,
-)
+from sins_env.specs import COARSE_STD_DEG, PRIORS, TOLD_START_STD_DEG, imu_spec
 from sins_env.types import NavState, Task
 
 Array = NDArray[np.float64]
-
-MODES = ("align",)
-#: A parked base is known to stand still within its disturbances, at a surveyed place.
-ZERO_VELOCITY = GpsSpec(vel_std_mps=0.03, pos_std_m=1.0)
-
-
-@dataclass(frozen=True)
-class ReplaySettings:
-    """Settings of ``SINS/Replay-v0``; JSON-able values only.
-
-    ``recording``: a path, sought as given and then in $SINS_ENV_DATA. ``window``: (start, length) in s on the
-    recording's clock, None for all of it; it begins at the sample edge nearest to ``start``. ``stride``: s.
-    ``n_sub`` None is what epoch and sample rate give. ``coarse`` None is 90 s, or 0 for a told start.
-
-    ``imu`` and ``gps`` are what the estimators are told: a preset's name or a dict of fields. Rate and lever
-    arm are the recording's own. Without GNSS the fix is a zero-velocity update at the known site, by default
-    0.03 m/s at every epoch (a dict's ``rate_hz`` thins it). ``start="told"`` needs a reference;
-    ``misalignment_deg`` is that of AlignSettings.
-
-    Raises:
-        ValueError: any value out of its range.
-    """
-
-    recording: str = ""
-    window: tuple[float, float] | None = None
-    stride: float | None = None
-    epoch: float = 0.1
-    n_sub: int | None = None
-    coarse: float | None = None
-    imu: Any = "rlg-car"
-    gps: Any = None
-    start: str = "unknown"
-    misalignment_deg: tuple[float, ...] | None = None
-    prior: str = "matched"
-    mode: str = "align"
-
-    def __post_init__(self) -> None:
-        choices = (("start", self.start, STARTS), ("prior", self.prior, PRIORS), ("mode", self.mode, MODES))
-        for kind, given, allowed in choices:
-            if given not in allowed:
-                raise unknown(kind, given, allowed)
-        for name in ("epoch", "n_sub", "coarse", "stride"):
-            if getattr(self, name) is not None:
-                check_number(name, getattr(self, name))
-        if not self.recording:
-            raise ValueError("recording is missing; allowed: the path of an NPZ recording")
-        set_ = object.__setattr__
-        if self.coarse is None:
-            set_(self, "coarse", 0.0 if self.start == "told" else 90.0)
-        if self.start == "told" and self.coarse:
-            raise ValueError(f"coarse = {self.coarse!r} with start = 'told'; allowed: 0")
-        set_(self, "misalignment_deg", check_misalignment(self.misalignment_deg, self.start))
-        if self.window is not None:
-            values = np.asarray(self.window)
-            if values.shape != (2,) or values.dtype.kind not in "iuf" or not np.isfinite(values).all():
-                raise ValueError(f"window = {self.window!r}; allowed: (start, length) in seconds, or None")
-            set_(self, "window", (float(values[0]), float(values[1])))
-        if self.stride is not None and not (math.isfinite(self.stride) and self.stride > 0):
-            raise ValueError(f"stride = {self.stride!r}; allowed: a positive number of seconds, or None")
-
-    def samples_per_epoch(self, rate_hz: float) -> int:
-        """n_sub at this sample rate.
-
-        Raises:
-            ValueError: epochs that are not whole samples, an ``n_sub`` that does not fit; with one that does.
-        """
-        if not (math.isfinite(self.epoch) and self.epoch > 0):
-            raise ValueError(f"epoch = {self.epoch!r}; allowed: a positive number of seconds")
-        samples = self.epoch * rate_hz
-        whole = max(round(samples), 1)
-        if abs(samples - whole) > 1e-6:
-            raise ValueError(
-                f"epoch = {self.epoch:g} s is {samples:g} samples of {rate_hz:g} Hz; allowed: whole samples, "
-                f"for instance {whole / rate_hz:g} s"
-            )
-        if self.n_sub is not None and self.n_sub != whole:
-            fitting = f"{whole} for epochs of {self.epoch:g} s at {rate_hz:g} Hz"
-            raise ValueError(f"n_sub = {self.n_sub!r}; allowed: {fitting}, or None")
-        return whole
-
-    def told_gps(self, recording: recordings.Recording) -> GpsSpec:
-        """What the estimators are told of the fixes.
-
-        Raises:
-            ValueError: a setting that only a simulation can grant, or a rate that is not the recording's.
-        """
-        gnss = recording.gnss
-        if gnss is None:
-            base = replace(ZERO_VELOCITY, rate_hz=1.0 / self.epoch)
-        else:
-            lever = np.zeros(3) if recording.lever_arm is None else recording.lever_arm
-            rate = 1.0 / float(np.median(np.diff(gnss.t_s))) if len(gnss.t_s) > 1 else 1.0
-            base = replace(GPS_PRESETS["dgps"], rate_hz=rate, lever_arm_m=tuple(map(float, lever)))
-        if self.gps is None:
-            return base
-        if isinstance(self.gps, dict) and "preset" not in self.gps:
-            spec = build(GpsSpec, {**asdict(base), **self.gps}, "GpsSpec")
-        else:
-            spec = replace(gps_spec(self.gps), rate_hz=base.rate_hz, lever_arm_m=base.lever_arm_m)
-        if spec.outages_s or spec.jump_mps:
-            raise ValueError(
-                "outages_s or jump_mps in a replay; allowed: in a simulation only, the fixes here are real"
-            )
-        if gnss is not None and not math.isclose(spec.rate_hz, base.rate_hz):
-            raise ValueError(f"GpsSpec.rate_hz = {spec.rate_hz:g}; allowed: {base.rate_hz:g}, the recording's own")
-        return spec
 
 
 class ReplayWorld(ChunkedWorld):
@@ -156,7 +40,14 @@ class ReplayWorld(ChunkedWorld):
         self.n_sub = settings.samples_per_epoch(self.recording.rate_hz)
         told, coarse = settings.start == "told", settings.coarse or 0.0
         self.windows = Windows(
-            self.recording, settings.epoch, self.n_sub, coarse, settings.window, settings.stride, told
+            self.recording,
+            settings.epoch,
+            self.n_sub,
+            coarse,
+            settings.window,
+            settings.duration,
+            settings.stride,
+            told,
         )
         gps, imu = settings.told_gps(self.recording), imu_spec(settings.imu)
         self._every = epochs_per_fix(gps, settings.epoch) if self.recording.gnss is None else 1
@@ -191,10 +82,12 @@ class ReplayWorld(ChunkedWorld):
         count = len(self.windows.first_samples)
         if given is None:
             return np.array([rng.integers(count) for rng in rngs])
-        index = np.asarray(given)
-        if index.shape not in ((), (len(rngs),)) or index.dtype.kind not in "iu":
-            raise ValueError(f"window = {given!r}; allowed: one whole number, or a list of {len(rngs)}")
-        index = index + np.arange(len(rngs)) if index.ndim == 0 else index
+        rows = checks.items(given)
+        values = [given] if rows is None else rows
+        whole = all(isinstance(v, (int, np.integer)) and not isinstance(v, bool) for v in values)
+        if not whole or (rows is not None and len(rows) != len(rngs)):
+            raise checks.refused("window", given, f"one whole number, or a list of {len(rngs)}")
+        index = np.array(values) if rows is not None else int(given) + np.arange(len(rngs))
         if index.min() < 0 or index.max() >= count:
             bad = int(index[(index < 0) | (index >= count)][0])
             raise ValueError(f"window {bad} does not exist; allowed: 0 to {count - 1}, for {len(rngs)} runs one each")
@@ -255,4 +148,8 @@ class ReplayEnv(AlignEnv):
 
 
 class ReplayVectorEnv(AlignVectorEnv):
+    """Rows share the recording. As in Gymnasium's own vector environments, the reset that follows an episode of its own
+    accord has no options: every row then draws its window, whichever ``reset(options={"window": ...})`` had picked.
+    """
+
     world = staticmethod(_replay)

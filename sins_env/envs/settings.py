@@ -7,10 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from sins_env import earth
-from sins_env.errors import build, unknown
+from sins_env import checks, earth
+from sins_env.errors import build
 from sins_env.gps import epochs_per_fix
 from sins_env.specs import COARSE_STD_DEG, PRIORS, TOLD_START_STD_DEG, GpsSpec, ImuSpec, gps_spec, imu_spec
 from sins_env.trajectory.sway import MOTIONS
@@ -48,37 +46,22 @@ class AlignSettings:
     earth: str = "wgs84"
 
     def __post_init__(self) -> None:
-        for kind, given, allowed in (
-            ("start", self.start, STARTS),
-            ("prior", self.prior, PRIORS),
-            ("motion", self.motion, MOTIONS),
-            ("earth model", self.earth, earth.EARTHS),
-        ):
-            if given not in allowed:
-                raise unknown(kind, given, allowed)
-        told = self.start == "told"
+        checks.choice("start", self.start, STARTS)
+        checks.choice("prior", self.prior, PRIORS)
+        checks.choice("motion", self.motion, MOTIONS)
+        checks.choice("earth model", self.earth, earth.EARTHS)
         set_ = object.__setattr__
-        for name in ("epoch", "n_sub", "latitude_deg"):
-            check_number(name, getattr(self, name))
-        for name in ("duration", "coarse", "heading_deg"):
-            if getattr(self, name) is not None:
-                check_number(name, getattr(self, name))
-        if not isinstance(self.vibration, bool):
-            raise ValueError(f"vibration = {self.vibration!r}; allowed: True or False")
-        if self.coarse is None:
-            set_(self, "coarse", 0.0 if told else 120.0)
-        if self.duration is None:
-            set_(self, "duration", 360.0 + self.coarse_s)
-        if told and self.coarse:
-            raise ValueError(
-                f"coarse = {self.coarse!r} with start = 'told'; allowed: 0, a told start needs no coarse phase"
-            )
-        if self.n_sub % 1 or self.n_sub < 1:
-            raise ValueError(f"n_sub = {self.n_sub!r}; allowed: a whole number of IMU samples per epoch, at least 1")
+        set_(self, "epoch", check_epoch(self.epoch))
+        allowed = "a whole number of IMU samples per epoch, at least 1"
+        set_(self, "n_sub", checks.whole("n_sub", self.n_sub, allowed, least=1))
+        set_(self, "coarse", check_coarse(self.coarse, self.start, 120.0))
+        duration = 360.0 + self.coarse_s if self.duration is None else checks.number("duration", self.duration)
+        set_(self, "duration", duration)
         check_timing(self.epoch, self.duration_s, self.coarse_s)
-        earth.check_latitude(math.radians(self.latitude_deg))
-        if self.heading_deg is not None and not math.isfinite(self.heading_deg):
-            raise ValueError(f"heading_deg = {self.heading_deg!r}; allowed: a finite angle in degrees, or None")
+        earth.check_latitude(math.radians(checks.number("latitude_deg", self.latitude_deg, "-89.9 to 89.9")))
+        if self.heading_deg is not None:
+            checks.number("heading_deg", self.heading_deg, "a finite angle in degrees, or None")
+        checks.flag("vibration", self.vibration)
         set_(self, "misalignment_deg", check_misalignment(self.misalignment_deg, self.start))
         epochs_per_fix(self.gps_true, self.epoch)
         _ = self.imu_true
@@ -90,12 +73,12 @@ class AlignSettings:
     @property
     def duration_s(self) -> float:
         assert self.duration is not None
-        return float(self.duration)
+        return self.duration
 
     @property
     def coarse_s(self) -> float:
         assert self.coarse is not None
-        return float(self.coarse)
+        return self.coarse
 
     @property
     def imu_true(self) -> ImuSpec:
@@ -113,7 +96,7 @@ class AlignSettings:
             id=env_id,
             site=Site(math.radians(self.latitude_deg), math.radians(LONGITUDE_DEG), 0.0, self.earth),
             epoch_s=self.epoch,
-            n_sub=int(self.n_sub),
+            n_sub=self.n_sub,
             duration_s=self.duration_s,
             coarse_s=self.coarse_s,
             imu=self.imu_true,
@@ -122,14 +105,25 @@ class AlignSettings:
         )
 
 
-def check_number(name: str, value: Any) -> None:
-    """Settings come from command lines and JSON, where a number may arrive as a string.
+def check_epoch(given: Any) -> float:
+    """Seconds."""
+    return checks.number("epoch", given, "a positive number of seconds", above=0.0)
+
+
+def check_coarse(given: Any, start: str, default: float) -> float:
+    """Seconds of coarse alignment: ``default`` of them for an unknown start, 0 for a told one.
 
     Raises:
-        ValueError: not a real number.
+        ValueError: an unknown start without a coarse phase, or a told one with it.
     """
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise ValueError(f"{name} = {value!r}; allowed: a number")
+    if given is None:
+        return 0.0 if start == "told" else default
+    value = checks.number("coarse", given, "a number of seconds, not negative", least=0.0)
+    if start == "told" and value:
+        raise ValueError(f"coarse = {given!r} with start = 'told'; allowed: 0, a told start needs no coarse phase")
+    if start == "unknown" and not value:
+        raise ValueError(f"coarse = {given!r} with start = 'unknown'; allowed: a positive number of seconds, or None")
+    return value
 
 
 def check_misalignment(given: Any, start: str) -> tuple[float, ...] | None:
@@ -142,10 +136,7 @@ def check_misalignment(given: Any, start: str) -> tuple[float, ...] | None:
         return None
     if start != "told":
         raise ValueError(f"misalignment_deg with start = {start!r}; allowed: with start = 'told' only")
-    values = np.asarray(given)
-    if values.shape != (3,) or values.dtype.kind not in "iuf" or not np.isfinite(values).all():
-        raise ValueError(f"misalignment_deg = {given!r}; allowed: three finite numbers (E, N, U) in degrees, or None")
-    return tuple(map(float, values))
+    return checks.numbers("misalignment_deg", given, 3, "three finite numbers (E, N, U) in degrees, or None")
 
 
 def check_timing(epoch: float, duration: float, coarse: float, name: str = "duration") -> None:
@@ -154,12 +145,10 @@ def check_timing(epoch: float, duration: float, coarse: float, name: str = "dura
     Raises:
         ValueError: what does not fit, and the nearest value that does.
     """
-    if not (math.isfinite(epoch) and epoch > 0):
-        raise ValueError(f"epoch = {epoch!r}; allowed: a positive number of seconds")
     for kind, value, least in ((name, duration, 3), ("coarse", coarse, 0)):
-        count = value / epoch if math.isfinite(value) else math.nan
-        if not (abs(count - round(count)) < 1e-6 if count == count else False) or round(count) < least:
-            near = max(round(count) if count == count else least, least) * epoch
+        count = value / epoch
+        if not math.isfinite(count) or abs(count - round(count)) >= 1e-6 or round(count) < least:
+            near = max(round(count) if math.isfinite(count) else least, least) * epoch
             raise ValueError(
                 f"{kind} = {value!r} s with epochs of {epoch:g} s; allowed: a whole number of epochs, "
                 f"at least {least}, for instance {near:g} s"

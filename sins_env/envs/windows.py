@@ -13,6 +13,8 @@ from sins_env.recordings import Recording
 class Windows:
     """Equally long windows; ``first_samples`` (W,) is where they begin, ``starts`` (W,) the same in seconds.
 
+    ``window``: (start, length) of the first in s; None is all there is, or the first ``duration`` s of it.
+
     ``told``: whether the reference must be there at the start itself, not only from the first epoch's end.
 
     Raises:
@@ -26,6 +28,7 @@ class Windows:
         n_sub: int,
         coarse_s: float,
         window: tuple[float, float] | None,
+        duration: float | None,
         stride: float | None,
         told: bool,
     ) -> None:
@@ -33,7 +36,8 @@ class Windows:
         self.half_sample = 0.5 / recording.rate_hz * (1 + 1e-6)
         begin, end = self._covered(told)
         start, length = window or self._whole(begin, end)
-        check_timing(epoch_s, length, coarse_s, "window length")
+        length = length if duration is None else duration
+        check_timing(epoch_s, length, coarse_s, "window length" if duration is None else "duration")
         self.num_epochs = round(length / epoch_s)
         slack = self.half_sample
         if start < begin - slack or start + length > end + slack:

@@ -19,7 +19,7 @@ from sins_env.types import NavState, Task
 
 Array = NDArray[np.float64]
 
-CHUNK_EPOCHS = 10  #: epochs generated at once; bounds the memory whatever the duration, and fixes the bits
+CHUNK_SAMPLES = 300  #: IMU samples generated at once; bounds the memory whatever the duration, and fixes the bits
 
 
 class EpochData(NamedTuple):
@@ -47,7 +47,7 @@ class World(Protocol):
 
 
 class ChunkedWorld:
-    """Epochs one by one out of chunks, so that memory does not grow with the duration."""
+    """Epochs one by one out of chunks, so that memory grows neither with the duration nor with the epoch's length."""
 
     task: Task
     _first: int
@@ -56,7 +56,7 @@ class ChunkedWorld:
     def epoch(self, k: int) -> EpochData:
         if k > self._end:
             self._first = self._end
-            self._end = min(self._first + CHUNK_EPOCHS, self.task.num_epochs)
+            self._end = min(self._first + max(1, CHUNK_SAMPLES // self.task.n_sub), self.task.num_epochs)
             self._measured, self._state = self._chunk(self._first, self._end - self._first)
         i = k - 1 - self._first
         dtheta, dvel, gps_vel, gps_pos, gps_valid = (part[:, i] for part in self._measured)

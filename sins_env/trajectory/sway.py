@@ -67,6 +67,8 @@ VIBRATION_HZ = np.array([300.0, 250.0, 400.0])
 
 MOTIONS = ("thesis", "random")
 
+_BLOCK = 1 << 20  #: values of g_k that exist at once, 8 MiB, and a few times as much around them
+
 
 class Sway:
     """A batch of swaying bases. ``heading_deg`` None draws the mean heading over the circle per run.
@@ -126,15 +128,27 @@ class Sway:
 
     def chunk(self, first_epoch: int, num_epochs: int) -> Motion:
         edges = np.arange(first_epoch * self.n_sub, (first_epoch + num_epochs) * self.n_sub + 1, dtype=np.float64)
-        table, turning = self._integrals(edges * (self.epoch_s / self.n_sub))
-        increments = np.matmul(self._coefficients, table)  # (runs, 2, samples * 3)
+        edges *= self.epoch_s / self.n_sub
         shape = (len(self._heading), num_epochs, self.n_sub, 3)
-        dtheta = (increments[:, 0] + turning).reshape(shape)
-        dvel = increments[:, 1].reshape(shape)
+        if not self.random:
+            dtheta, dvel = self._increments(slice(None), edges)
+        else:  # each run has integrals of its own: in blocks, since they are many times as large as the increments
+            dtheta, dvel = np.empty((2, len(self._heading), 3 * (len(edges) - 1)))
+            num_functions = 1 + 2 * self._phase.shape[1]
+            size = max(1, _BLOCK // (len(edges) * len(self._nodes) * num_functions))
+            for begin in range(0, len(dtheta), size):
+                runs = slice(begin, begin + size)
+                dtheta[runs], dvel[runs] = self._increments(runs, edges)
         state, rate = self._states(
             np.arange(first_epoch + 1, first_epoch + num_epochs + 1, dtype=np.float64) * self.epoch_s
         )
-        return Motion(dtheta, dvel, state, rate)
+        return Motion(dtheta.reshape(shape), dvel.reshape(shape), state, rate)
+
+    def _increments(self, runs: slice, edges: Array) -> tuple[Array, Array]:
+        """Of these runs over each IMU sample: of angle and velocity, each (runs, samples * 3)."""
+        table, turning = self._integrals(runs, edges)
+        increments = np.matmul(self._coefficients[runs], table)  # (runs, 2, samples * 3)
+        return increments[:, 0] + turning, increments[:, 1]
 
     def _expand(self) -> Array:
         """Coefficients of rate and specific force on the functions g_k, (runs, 2, 3 K), axes of the mean heading."""
@@ -155,12 +169,12 @@ class Sway:
         turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = c, -s, s, c, 1.0
         return np.stack([turn @ rate, turn @ force], axis=1).reshape(runs, 2, 3 * K)
 
-    def _integrals(self, edges: Array) -> tuple[Array, Array]:
+    def _integrals(self, runs: slice, edges: Array) -> tuple[Array, Array]:
         """Over each IMU sample: integrals of C_0' g_k, ([runs,] 3 K, samples * 3), and of omega_nb^b, ([runs,] samples * 3)."""
         half = 0.5 * self.epoch_s / self.n_sub
         t = (edges[:-1] + half)[:, None] + half * self._nodes  # (samples, nodes)
-        C, rate = self._turning(t)
-        phase = self._omega[..., None, None, :] * t[..., None]
+        C, rate = self._turning(t, runs)
+        phase = self._of(runs, self._omega)[..., None, None, :] * t[..., None]
         g = np.concatenate([np.ones((*phase.shape[:-1], 1)), _interleave(np.cos(phase), np.sin(phase))], axis=-1)
         weights = half * self._weights
         blocks = np.matmul(np.swapaxes(C.reshape(*C.shape[:-2], 9) * weights[:, None], -1, -2), g)
@@ -170,18 +184,23 @@ class Sway:
         turning = np.matmul(weights, rate).reshape(*rate.shape[:-3], samples * 3)
         return np.ascontiguousarray(table), turning
 
-    def _turning(self, t: Array) -> tuple[Array, Array]:
+    def _of(self, runs: slice, part: Array) -> Array:
+        """The rows of these runs, where there is one per run."""
+        return part[runs] if self.random else part
+
+    def _turning(self, t: Array, runs: slice = slice(None)) -> tuple[Array, Array]:
         """C_0 = C_b^n about the mean heading and omega_nb^b at times t: (..., *t.shape, 3, 3), (..., *t.shape, 3)."""
-        angles, rates = self._angles(t)
+        angles, rates = self._angles(t, runs)
         heading, pitch, roll = np.moveaxis(angles, -1, 0)
         dh, dp, dr = np.moveaxis(rates, -1, 0)
         cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
         rate = np.stack([dp * cr + dh * sr * cp, dr - dh * sp, dp * sr - dh * cr * cp], axis=-1)  # equations.md A.2
         return attitude.to_dcm(attitude.from_euler(heading, pitch, roll)), rate
 
-    def _angles(self, t: Array) -> tuple[Array, Array]:
+    def _angles(self, t: Array, runs: slice = slice(None)) -> tuple[Array, Array]:
         """Heading about its mean, pitch, roll and their rates, (..., *t.shape, 3)."""
-        amplitude, omega, phase = (part.reshape(*part.shape[:-1], *(1,) * t.ndim, 3) for part in self._turn)
+        turn = (self._of(runs, part) for part in self._turn)
+        amplitude, omega, phase = (part.reshape(*part.shape[:-1], *(1,) * t.ndim, 3) for part in turn)
         argument = omega * t[..., None] + phase
         return amplitude * np.cos(argument), -amplitude * omega * np.sin(argument)
 

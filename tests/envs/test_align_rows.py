@@ -1,6 +1,7 @@
 """A native batch is the single environment many times, bit for bit, in Gymnasium's own layout."""
 
 import functools
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -48,6 +49,42 @@ def test_a_row_equals_the_single_environment_bit_for_bit(variant, rows):
     single = make(**settings)
     for row in {0, rows // 2, rows - 1}:
         assert_row_equals(course, row, play(single, steps[:, row], seed=5 + row))
+
+
+#: More than one block of runs, and epochs longer than a chunk of samples.
+LONG = {
+    "motion": "random",
+    "vibration": True,
+    "epoch": 1.0,
+    "n_sub": 300,
+    "duration": 3.0,
+    "gps": {"rate_hz": 1.0},
+}
+
+
+def test_rows_of_other_blocks_equal_the_single_environment_bit_for_bit():
+    rows, steps = 45, actions_of(45, 3)
+    course = play(vector(rows, **LONG, reveal_truth=True), steps, seed=5)
+    for row in (0, 15, 16, 17, 18, 33, 34, 35, 44):
+        assert_row_equals(course, row, play(make(**LONG, reveal_truth=True), steps[:, row], seed=5 + row))
+
+
+def test_memory_of_long_epochs():
+    """4.1 GiB when ten epochs of every run's integrals existed at once."""
+    env = vector(256, **LONG)
+    tracemalloc.start()
+    play(env, np.tile(IDENTITY, (3, 256, 1)), seed=0)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 100e6  # measured: 39 MiB
+
+
+@pytest.mark.parametrize(("n_sub", "epochs"), [(1, 300), (7, 42), (30, 10), (300, 1), (301, 1)])
+def test_a_chunk_is_a_number_of_samples(n_sub, epochs):
+    world = make(n_sub=n_sub, duration=60.0).episode.world
+    world.reset([np.random.default_rng(0)], {})
+    world.epoch(1)
+    assert world._end == epochs
 
 
 def test_a_list_of_seeds_is_taken_as_it_is():
@@ -146,7 +183,23 @@ def test_arrays_are_fresh_every_time(rows):
             assert_array_equal(value, wanted, err_msg=str(path))
 
 
-@pytest.mark.parametrize("num_envs", [0, -1])
+@pytest.mark.parametrize(
+    "seed", [3.5, "3", True, -1, {}, [1.5, 2, 3], [1, -2, 3], [1, "2", 3], np.ones(3), [[1], [2, 3], 4]], ids=repr
+)
+def test_bad_seeds(seed):
+    with pytest.raises(ValueError) as error:  # noqa: PT011  the message is compared below
+        vector(3).reset(seed=seed)
+    message = str(error.value)
+    assert message == f"seed = {seed!r}; allowed: None, a whole number from 0 on, or a list of 3 of them"
+
+
+@pytest.mark.parametrize("seed", [np.int64(4), np.arange(4, 7), (4, np.uint8(5), 6)], ids=repr)
+def test_seeds_of_numpy(seed):
+    wanted, found = (vector(3).reset(seed=s)[0]["dtheta"] for s in (4, seed))
+    assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize("num_envs", [0, -1, 2.5])
 def test_bad_number_of_environments(num_envs):
     with pytest.raises(ValueError, match=f"num_envs = {num_envs}; allowed: at least 1"):
         vector(num_envs)

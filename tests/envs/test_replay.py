@@ -36,6 +36,26 @@ def test_windows_and_strides(parked):
     assert_allclose(make(parked, window=(0.018, 1.0)).episode.world.windows.starts, [0.02])  # the nearest edge
 
 
+def test_a_duration_is_a_window_from_the_first_epoch_on(parked, driven):
+    assert make(parked, duration=4).task.duration_s == 4.0
+    for path, settings in ((parked, {"start": "told"}), (driven, {"epoch": 0.05}), (parked, {"stride": 2.0})):
+        whole, part = make(path, **settings).episode.world.windows, make(path, duration=3.0, **settings)
+        assert part.task.num_epochs == round(3.0 / part.task.epoch_s)
+        starts = part.episode.world.windows.starts
+        assert starts[0] == whole.starts[0]
+        assert len(starts) == (4 if "stride" in settings else 1)
+
+
+def test_the_reset_of_its_own_accord_draws_the_windows(parked):
+    env = vector(parked, 40, window=(0.0, 1.0), stride=1.0)
+    first = env.reset(seed=0, options={"window": [3] * 40})[0]["dtheta"]
+    assert_array_equal(first, first[:1].repeat(40, axis=0))
+    for _ in range(11):
+        obs, *_ = env.step(np.tile(IDENTITY, (40, 1)))
+    assert obs["t"][0, 0] == pytest.approx(0.1)
+    assert len(np.unique(obs["dtheta"][:, 0, 0])) > 5
+
+
 def test_the_seed_draws_the_window(parked):
     env = make(parked, window=(0.0, 1.0), stride=1.0)
     first = [env.reset(seed=seed)[0]["dtheta"][0, 0] for seed in range(40)]

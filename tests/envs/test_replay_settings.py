@@ -18,6 +18,9 @@ from oracles.replays import REPLAY, make, play, stacked, vector
         ([0, 1], "one whole number, or a list of 3"),
         (1.5, "one whole number"),
         ("first", "one whole number"),
+        ([[1], [2, 3], 4], "one whole number, or a list of 3"),
+        ([1.0, 2.0, 3.0], "one whole number, or a list of 3"),
+        (True, "one whole number"),
     ],
 )
 def test_bad_window_options(parked, given, message):
@@ -73,7 +76,11 @@ def test_without_a_reference_nothing_is_scored(tmp_path):
         assert info["scored"] is False
         assert_array_equal(info["errors"]["phi"], 0.0)
         assert info["failed"] is False
-    assert play(make(path), np.full(4, np.nan), seed=0)[2][1]["failed"] is True
+    for bad in ([np.nan] * 4, [0.0] * 4, [1.0, np.inf, 0.0, 0.0]):
+        _, rewards, infos = play(make(path, render_mode="rgb_array"), np.array(bad), seed=0)
+        assert all(info["failed"] is True for info in infos[1:])
+        assert not np.any(rewards)
+        assert_array_equal([info["errors"]["phi"] for info in infos[1:]], 0.0)
     for settings in ({"start": "told"}, {"reveal_truth": True}):
         with pytest.raises(ValueError, match="has no reference"):
             make(path, **settings)
@@ -94,7 +101,7 @@ def test_gaps(tmp_path):
     [
         ({"windw": (0, 1)}, "unknown setting of SINS/Replay-v0 'windw'; did you mean 'window'"),
         ({"start": "tld"}, "unknown start 'tld'; did you mean 'told'"),
-        ({"mode": "navigate"}, "unknown mode 'navigate'; Allowed: align"),
+        ({"mode": "navigate"}, "unknown mode of this version 'navigate'; Allowed: align"),
         ({"prior": "machted"}, "did you mean 'matched'"),
         ({"imu": "rlg-kar"}, "did you mean 'rlg-car'"),
         ({"gps": {"vel_std": 0.1}}, "unknown setting of GpsSpec 'vel_std'; did you mean"),
@@ -106,8 +113,8 @@ def test_gaps(tmp_path):
             "epoch = 0.105 s is 10.5 samples of 100 Hz; allowed: whole samples, for instance 0.1 s",
         ),
         ({"epoch": 0.001}, "for instance 0.01 s"),
-        ({"epoch": "0.1"}, "epoch = '0.1'; allowed: a number"),
-        ({"stride": [90]}, r"stride = \[90\]; allowed: a number"),
+        ({"epoch": "0.1"}, "epoch = '0.1'; allowed: a positive number of seconds"),
+        ({"stride": [90]}, r"stride = \[90\]; allowed: a positive number"),
         ({"epoch": -1.0}, "epoch = -1.0; allowed: a positive number"),
         (
             {"window": (8.0, 3.0)},
@@ -118,6 +125,15 @@ def test_gaps(tmp_path):
         ({"window": (1.0, 0.2)}, "at least 3"),
         ({"window": 3.0}, r"window = 3.0; allowed: \(start, length\)"),
         ({"window": (0.0, np.nan)}, "allowed:"),
+        ({"window": [[1], [2, 3]]}, r"window = \[\[1\], \[2, 3\]\]; allowed: \(start, length\)"),
+        ({"reveal_truth": "x"}, "reveal_truth = 'x'; allowed: True or False"),
+        ({"prior": {}}, r"unknown prior \{\}; Allowed: matched, thesis"),
+        ({"n_sub": "10"}, "n_sub = '10'; allowed: a whole number"),
+        ({"coarse": 0}, "coarse = 0 with start = 'unknown'; allowed: a positive number"),
+        ({"duration": "5"}, "duration = '5'; allowed: a number of seconds"),
+        ({"duration": 5.0, "window": (1.0, 5.0)}, r"duration = 5 with a window; allowed: window = \(start, length\)"),
+        ({"duration": 0.25}, "duration = 0.25 s with epochs of 0.1 s"),
+        ({"duration": 11.0}, "window from 0 to 11 s of parked; allowed: within 0 to 10 s"),
         ({"stride": 0.0}, "stride = 0.0; allowed: a positive number"),
         ({"coarse": 20.0}, "allowed: coarse shorter than the window length"),
         ({"coarse": 3.0, "start": "told"}, "coarse = 3.0 with start = 'told'; allowed: 0"),
@@ -137,7 +153,10 @@ def test_a_rate_that_is_not_the_recordings(driven):
 
 
 def test_a_recording_is_needed():
-    with pytest.raises(ValueError, match="recording is missing"):
+    with pytest.raises(ValueError, match="recording = ''; allowed: the path of an NPZ recording"):
         gymnasium.make(REPLAY)
+    for bad in (5, None, ["a.npz"], b"a.npz"):
+        with pytest.raises(ValueError, match=r"^recording = .*; allowed: the path of an NPZ recording"):
+            gymnasium.make(REPLAY, recording=bad)
     with pytest.raises(FileNotFoundError, match=r"no recording 'nowhere\.npz'"):
         gymnasium.make(REPLAY, recording="nowhere.npz")

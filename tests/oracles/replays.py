@@ -10,11 +10,16 @@ IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def make(recording, **settings):
-    return gymnasium.make(REPLAY, recording=recording, **{"coarse": 0.0, **settings}).unwrapped
+    return gymnasium.make(REPLAY, recording=recording, **_short(settings)).unwrapped
 
 
 def vector(recording, num_envs, **settings):
-    return gymnasium.make_vec(REPLAY, num_envs, recording=recording, **{"coarse": 0.0, **settings})
+    return gymnasium.make_vec(REPLAY, num_envs, recording=recording, **_short(settings))
+
+
+def _short(settings):
+    """A coarse phase that leaves room in a recording of ten seconds; a told start has none."""
+    return {"coarse": 0.0 if settings.get("start") == "told" else 0.1, **settings}
 
 
 def play(env, action=IDENTITY, **reset):
