@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sins_env.evaluation import registry
-from sins_env.evaluation.episode import Job, _Guard
 from sins_env.evaluation.tasks import EvaluationTask, get_task
+from sins_env.evaluation.timing import Probe
+from sins_env.memory import keep_freed_memory
 
 BATCHES = (256, 1)
 WARM_UP, BLOCK = 20, 20  #: epochs
@@ -27,19 +28,46 @@ class Speed(NamedTuple):
     epoch_us: float  #: CPU time per run and epoch, microseconds
 
 
+def fitting(
+    solver: registry.Solver,
+    task: str | EvaluationTask,
+    batches: Sequence[int],
+    settings: Mapping[str, Any] | None = None,
+) -> tuple[tuple[int, ...], list[str]]:
+    """The batch sizes that solver and task can do, each once, and a remark on each that was changed."""
+    task, remarks = get_task(task), []
+    batched, most = bool(registry.make(solver, settings).batched), task.max_runs
+    sizes = []
+    for runs in batches:
+        if runs > 1 and not batched:
+            remarks.append(f"{registry.solver_name(solver)} takes one run at a time: 1 run instead of {runs}")
+            runs = 1
+        elif most is not None and runs > most:
+            remarks.append(f"{task.name}: {most} runs instead of {runs}, the windows of its recording")
+            runs = most
+        sizes.append(runs)
+    return tuple(dict.fromkeys(sizes)), remarks
+
+
 def measure(
     solver: registry.Solver,
     task: str | EvaluationTask = "sway-white-v0",
     settings: Mapping[str, Any] | None = None,
-    batches: tuple[int, ...] = BATCHES,
-    seconds: float = SECONDS,
+    batches: Sequence[int] = BATCHES,
+    seconds: float | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> list[Speed]:
     """Speed of environment and estimator, on one thread, in CPU time (a busy machine disturbs it little).
 
+    Args:
+        batches: numbers of runs, as :func:`fitting` gives them.
+        seconds: spent on each; None is SECONDS.
+
     Raises:
-        ValueError: names or settings that do not fit. EstimatorError: the estimator fails.
+        ValueError: names, settings or numbers of runs that do not fit. EstimatorError: the estimator fails.
     """
+    keep_freed_memory()
+    task, most = get_task(task), SECONDS if seconds is None else seconds
     out: list[Speed] = []
     for i, runs in enumerate(batches):
 
@@ -48,53 +76,30 @@ def measure(
                 progress(done + part, len(batches))
 
         with threadpool_limits(1):
-            parts = _blocks(get_task(task), solver, dict(settings or {}), runs, seconds, report)
-        env_s, estimator_s, epoch = parts
+            probe = Probe(task, solver, dict(settings or {}), runs, WARM_UP, time.process_time)
+            estimator_s, env_s = _blocks(probe, most, report)
+            probe.close()
+        if not len(env_s):
+            raise ValueError(f"{task.name} is too short to be timed; allowed: {WARM_UP + BLOCK} fine epochs or more")
         for part, times in (
             ("whole chain", env_s + estimator_s),
             ("environment", env_s),
             ("estimator", estimator_s),
         ):
             each = float(np.median(times)) / BLOCK
-            out.append(Speed(part, runs, runs * epoch / each, 1e6 * each / runs))
+            out.append(Speed(part, runs, runs * probe.epoch_s / each, 1e6 * each / runs))
     return out
 
 
-def _blocks(
-    task: EvaluationTask,
-    solver: registry.Solver,
-    settings: dict[str, Any],
-    runs: int,
-    seconds: float,
-    report: Callable[[float], None],
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """CPU seconds of environment and estimator per block of the fine phase, and the length of an epoch."""
-    env = task.make(runs)
-    obs, _ = task.reset(env, range(runs))
-    public = env.unwrapped.task  # type: ignore[attr-defined]
-    guard = _Guard(registry.make(solver, settings), runs)
-    if not guard.batched and runs > 1:
-        raise ValueError(f"{registry.solver_name(solver)} is not batched; allowed: bench of batched solvers")
-    guard.reset(public, Job(task, solver, tuple(range(runs))).rngs())
-    skip = round(public.coarse_s / public.epoch_s) + WARM_UP
-    for _ in range(skip):
-        obs = env.step(guard.step(obs))[0]
-    env_s, estimator_s = [], []
+def _blocks(probe: Probe, seconds: float, report: Callable[[float], None]) -> tuple[np.ndarray, np.ndarray]:
+    """CPU seconds of estimator and environment per block of epochs."""
+    spent = []
     begin = time.perf_counter()
-    for _ in range((public.num_epochs - skip) // BLOCK):
-        spent = [0.0, 0.0]
-        for _ in range(BLOCK):
-            t0 = time.process_time()
-            action = guard.step(obs)
-            t1 = time.process_time()
-            obs = env.step(action)[0]
-            spent[0] += t1 - t0
-            spent[1] += time.process_time() - t1
-        estimator_s.append(spent[0])
-        env_s.append(spent[1])
+    while probe.left >= BLOCK:
+        spent.append([part.sum() for part in probe.advance(BLOCK)])
         passed = time.perf_counter() - begin
         report(min(passed / seconds, 1.0))
         if passed > seconds:
             break
-    env.close()
-    return np.array(env_s), np.array(estimator_s), public.epoch_s
+    estimator_s, env_s = np.array(spent).reshape(-1, 2).T
+    return estimator_s, env_s

@@ -11,11 +11,14 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from rich import box
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
+from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
@@ -24,8 +27,8 @@ from sins_env.evaluation.monte_carlo import Results
 
 
 def ranked(results: Iterable[Results]) -> list[tuple[int, Results]]:
-    """Solvers of one task with their ranks, the best first."""
-    lines = sorted(results, key=lambda r: r.summary.rms["U"])
+    """Solvers of one task with their ranks, the best first; where errors are not scored all tie, as they came."""
+    lines = sorted(results, key=lambda r: r.summary.rms["U"] if r.summary.scored else 0.0)
     return [(1 + sum(_better(other, one) for other in lines), one) for one in lines]
 
 
@@ -56,12 +59,12 @@ def number(value: float, digits: int = 3) -> str:
 
 def seconds(value: float) -> str:
     """Whole seconds, tenths below ten."""
-    return number(value) if math.isinf(value) else f"{value:.{0 if value >= 10 else 1}f}"
+    return number(value) if not math.isfinite(value) else f"{value:.{0 if value >= 10 else 1}f}"
 
 
 def seconds_interval(ci: Interval) -> str:
     """'115–147'; empty where there is nothing to enclose."""
-    return "" if math.isinf(ci[0]) or ci[0] == ci[1] else f"{seconds(ci[0])}–{seconds(ci[1])}"
+    return "" if not math.isfinite(ci[0]) or ci[0] == ci[1] else f"{seconds(ci[0])}–{seconds(ci[1])}"
 
 
 def angle(arcsec: float) -> str:
@@ -87,62 +90,153 @@ def nees_text(summary: Summary) -> tuple[str, bool | None]:
     return ("inf" if math.isinf(last.mean) else number(last.mean / 3)), last.inside
 
 
-NARROW = 96  #: columns below which a terminal gets no intervals of the level errors
+@dataclass(frozen=True)
+class _Column:
+    """A column of the terminal's table."""
+
+    heading: str
+    cell: Callable[[int, Results], RenderableType]  #: of rank and results
+    part: str = ""  #: by which it is left out where the terminal is narrow
+
+
+MOST_NAME, MOST_SETTING = 60, 24  #: characters of a line below "solver", and of a setting
+#: What a narrow terminal does without, in this order, until the table fits.
+_LESS = ("intervals of east and north", "cost", "east and north", "NEES", "median time", "failures")
 
 
 def table(results: Sequence[Results], width: int = 100) -> RenderableType:
-    """One task's solvers for a terminal of ``width`` columns: a value, and its 95 % interval on the line below."""
+    """One task's solvers for a terminal of ``width`` columns: a value, and its 95 % interval on the line below.
+
+    Numbers and words are never broken. Where room is short, solvers fold at '.' and ':', then columns are left out,
+    and the lines below the table say which.
+    """
     task, lines = results[0].task, ranked(results)
-    summaries = [one.summary for _, one in lines]
-    wide = width >= NARROW
-    spread, nees = bool(task.windows), any(s.nees for s in summaries)
-    out = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), collapse_padding=True)
+    order = [part for part in _LESS if part != "NEES" or any(one.summary.nees for one in results)]
+    for less in range(len(order) + 1):
+        found, room = _table(lines, _columns(results, order[:less]), width)
+        if room >= max(_longest(one) for _, one in lines):
+            break
     title = Text.assemble((task.name, "bold"), f"  {task.what}")
-    for name, justify in _HEADINGS + ((("heading\nspread, °", "right"),) if spread else ()):
-        if name.startswith("NEES") and not nees:
-            continue
-        out.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
-    for (rank, one), s in zip(lines, summaries, strict=True):
-        cells: list[RenderableType] = [
-            Text(str(rank), style="bold green" if rank == 1 else ""),
-            _label(one, rank),
-            _success(s),
-            _stacked(seconds(s.t_conv_median_s), seconds_interval(s.t_conv_ci_s)),
-            _stacked(angle(s.rms["U"]), angle_interval(s.rms_ci["U"])),
-            *(_stacked(angle(s.rms[axis]), angle_interval(s.rms_ci[axis]) if wide else "") for axis in "EN"),
-            *([_nees(s)] if nees else []),
-            Text(failure_text(s).replace(", ", "\n"), style="red" if s.failures else "dim"),
-            number(one.cost.ratio, 2) if one.cost and one.cost.ratio is not None else "-",
-        ]
-        out.add_row(*cells, *([number(s.spread_deg)] if spread else []))
-    return Group(title, out, Text(_footer(results), style="dim"))
+    notes = _footer(results)
+    if less:
+        left_out = ", ".join(_said(order[:less]))
+        notes += f"\nLeft out in {width} columns: {left_out}; a wider terminal or board --md shows all."
+    return Group(title, found, Text(notes, style="dim"))
 
 
-_HEADINGS: tuple[tuple[str, str], ...] = (
-    ("#", "right"),
-    ("solver", "left"),
-    ("runs\naligned", "right"),
-    ("median\ntime, s", "right"),
-    ('azimuth\nRMS, "', "right"),
-    ('east\nRMS, "', "right"),
-    ('north\nRMS, "', "right"),
-    ("NEES\n/ 3", "right"),
-    ("failed", "right"),
-    ("cost\n/ ckf", "right"),
-)
+def _said(parts: Sequence[str]) -> list[str]:
+    return [part for part in parts if not (part.startswith("intervals") and "east and north" in parts)]
 
 
-def _label(one: Results, rank: int) -> Text:
+def _columns(results: Sequence[Results], less: Sequence[str]) -> list[_Column]:
+    """Those right of the solver."""
+    level_ci = _LESS[0] not in less
+
+    def rms(axis: str, interval: bool = True) -> Callable[[int, Results], RenderableType]:
+        def cell(_: int, one: Results) -> RenderableType:
+            s = one.summary
+            return _stacked(angle(s.rms[axis]), angle_interval(s.rms_ci[axis]) if interval else "")
+
+        return cell
+
+    def time(_: int, one: Results) -> RenderableType:
+        return _stacked(seconds(one.summary.t_conv_median_s), seconds_interval(one.summary.t_conv_ci_s))
+
+    out = [
+        _Column("runs\naligned", lambda _, one: _success(one.summary)),
+        _Column("median\ntime, s", time, "median time"),
+        _Column('azimuth\nRMS, "', rms("U")),
+        _Column('east\nRMS, "', rms("E", level_ci), "east and north"),
+        _Column('north\nRMS, "', rms("N", level_ci), "east and north"),
+        _Column("NEES\n/ 3", lambda _, one: _nees(one.summary), "NEES"),
+        _Column("failed", lambda _, one: _failures(one.summary), "failures"),
+        _Column("cost\n/ ckf", lambda _, one: Text(cost_text(one)), "cost"),
+        _Column("heading\nspread, °", lambda _, one: _stacked(*_spread(one.summary))),
+    ]
+    absent = set(less) | ({"NEES"} if not any(one.summary.nees for one in results) else set())
+    return [c for c in out if c.part not in absent and (results[0].task.windows or not c.heading.startswith("heading"))]
+
+
+def _table(lines: Sequence[tuple[int, Results]], columns: Sequence[_Column], width: int) -> tuple[Table, int]:
+    """The table, and how wide the names of the solvers may be in it."""
+
+    def build(room: int) -> Table:
+        out = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), collapse_padding=True)
+        out.add_column("#", justify="right", no_wrap=True)
+        out.add_column("solver", overflow="fold")
+        for column in columns:
+            out.add_column(column.heading, justify="right", no_wrap=True)
+        for rank, one in lines:
+            place = Text(str(rank) if one.summary.scored else "-", style="bold green" if _wins(rank, one) else "")
+            out.add_row(place, _label(one, rank, room), *(column.cell(rank, one) for column in columns))
+        return out
+
+    console = Console(width=10_000, color_system=None)
+    whole = Measurement.get(console, console.options, build(MOST_NAME)).maximum
+    room = width - (whole - max(_longest(one, fold=False) for _, one in lines))
+    return build(max(min(room, MOST_NAME), 1)), room
+
+
+def _wins(rank: int, one: Results) -> bool:
+    return rank == 1 and one.summary.scored
+
+
+def _label(one: Results, rank: int, room: int) -> Text:
+    """Name, module and settings, folded at '.' and ':' to lines of ``room`` characters."""
     module, _, name = one.solver.rpartition(":")
-    text = Text(name, style="bold" if rank == 1 else "")
-    if module:
-        text.append(f"\n{module}", style="dim")
-    return text.append("".join(f"\n{name}={v}" for name, v in sorted(one.settings.items())), style="dim")
+    text = Text("\n".join(_folded(name, room)), style="bold" if _wins(rank, one) else "")
+    for part in ([module] if module else []) + _settings(one):
+        text.append("\n" + "\n".join(_folded(part, room)), style="dim")
+    return text
+
+
+def _settings(one: Results) -> list[str]:
+    """A line each; a long value is cut."""
+    lines = [f"{name}={value}" for name, value in sorted(one.settings.items())]
+    return [line if len(line) <= MOST_SETTING else line[: MOST_SETTING - 1] + "…" for line in lines]
+
+
+def _pieces(text: str) -> list[str]:
+    """What may not be broken: parts between '.' and ':', each with its mark; a setting stays whole."""
+    return [text] if "=" in text else re.findall(r"[^.:]*[.:]+|[^.:]+", text)
+
+
+def _folded(text: str, room: int) -> list[str]:
+    lines = [""]
+    for piece in _pieces(text):
+        if lines[-1] and len(lines[-1] + piece) > room:
+            lines.append("")
+        lines[-1] += piece
+    return lines
+
+
+def _longest(one: Results, fold: bool = True) -> int:
+    """Characters of the longest line below "solver", as narrow as it can be folded (or as wide as allowed)."""
+    module, _, name = one.solver.rpartition(":")
+    parts = [name, *([module] if module else []), *_settings(one), "solver"]
+    return max(len(line) for part in parts for line in (_pieces(part) if fold else _folded(part, MOST_NAME)))
+
+
+def cost_text(one: Results) -> str:
+    return number(one.cost.ratio, 2) if one.cost and one.cost.ratio is not None else "-"
+
+
+def _spread(s: Summary) -> tuple[str, str]:
+    """Spread of the heading in degrees, and of how many runs where some have none."""
+    return number(s.spread_deg), f"of {s.spread_runs}" if s.spread_runs < s.runs else ""
+
+
+def _failures(s: Summary) -> Text:
+    return Text(failure_text(s).replace(", ", "\n"), style="red" if s.failures else "dim")
+
+
+def success_text(s: Summary) -> str:
+    return f"{100 * s.success:.0f} %" if s.scored else "-"
 
 
 def _success(s: Summary) -> Text:
-    style = "green" if s.success >= 0.95 else "yellow" if s.success >= 0.5 else "red"
-    return Text.assemble((f"{100 * s.success:.0f} %", style), (f"\nof {s.runs}", "dim"))
+    style = "" if not s.scored else "green" if s.success >= 0.95 else "yellow" if s.success >= 0.5 else "red"
+    return Text.assemble((success_text(s), style), (f"\nof {s.runs}", "dim"))
 
 
 def _stacked(value: str, below: str) -> Text:
@@ -156,18 +250,35 @@ def _nees(s: Summary) -> Text:
 
 def _footer(results: Sequence[Results]) -> str:
     task, s = results[0].task, results[0].summary
+    if not s.scored:
+        lines = ["The recording has no reference: errors are not scored and nothing is ranked."]
+        return "\n".join(lines + _spread_note(results))
     lines = [
         f"aligned: {task.thresholds} until the end, for {task.hold_s:g} s or more; time from the start of "
         "fine alignment" + (f" (switch-on: + {s.coarse_s:g} s)." if s.coarse_s else "."),
         f"RMS over runs and the last {s.steady_s:g} s; 95 % intervals; equal ranks: intervals overlap.",
     ]
     if any(one.summary.nees for one in results):
-        low, high = results[0].summary.nees[-1].band if results[0].summary.nees else (math.nan, math.nan)
-        band = f", 95 % band {low / 3:.2f}–{high / 3:.2f} for {s.runs} runs" if low == low else ""
-        lines.append(f"NEES / 3 is 1 where the solver's covariance is right{band}.")
+        lines.append(f"NEES / 3 is 1 where the solver's covariance is right, 95 % band {_bands(results)}.")
     if any(one.summary.counts["raised"] + one.summary.counts["lost"] for one in results):
         lines.append("Runs that raised or were lost enter every score with the worst error from there on.")
-    return "\n".join(lines)
+    return "\n".join(lines + _spread_note(results))
+
+
+def _bands(results: Sequence[Results]) -> str:
+    """The band for each number of runs that has a NEES; of more than three the fewest and the most."""
+    bands = {one.summary.nees[-1].runs: one.summary.nees[-1].band for one in results if one.summary.nees}
+    runs = sorted(bands)
+    kept = runs if len(runs) <= 3 else [runs[0], runs[-1]]
+    return ", ".join(f"{bands[n][0] / 3:.2f}–{bands[n][1] / 3:.2f} for {n} run{'s' * (n > 1)}" for n in kept)
+
+
+def _spread_note(results: Sequence[Results]) -> list[str]:
+    if not results[0].task.windows:
+        return []
+    less = any(one.summary.spread_runs < one.summary.runs for one in results)
+    left = "; runs that raised, were lost or gave no attitude at the end have none" if less else ""
+    return [f"Heading spread: standard deviation over runs of the last heading{left}."]
 
 
 def as_json(results: Iterable[Results]) -> str:
@@ -182,7 +293,7 @@ def _entry(one: Results) -> dict[str, Any]:
         "solver": one.solver,
         "settings": dict(one.settings),
         "runs": s.runs,
-        "success": s.success,
+        "success": _finite(s.success),
         "t_conv_median_s": _finite(s.t_conv_median_s),
         "rms": {axis: _finite(s.rms[axis]) for axis in "ENU"},
         "rms_ci": {axis: [_finite(end) for end in s.rms_ci[axis]] for axis in "ENU"},
@@ -200,7 +311,7 @@ _COLUMNS = (
     "task", "suite", "rank", "solver", "settings", "runs", "success",
     "t_conv_median_s", "t_conv_low_s", "t_conv_high_s", "t_conv_restricted_mean_s",
     "rms_e_arcsec", "rms_e_low", "rms_e_high", "rms_n_arcsec", "rms_n_low", "rms_n_high",
-    "rms_u_arcsec", "rms_u_low", "rms_u_high", "nees_over_3", "nees_in_band", "spread_deg",
+    "rms_u_arcsec", "rms_u_low", "rms_u_high", "nees_over_3", "nees_in_band", "spread_deg", "spread_runs",
     "diverged", "frozen", "raised", "lost", "repaired", "cost_us", "cost_p95_us", "cost_ratio",
 )  # fmt: skip
 
@@ -219,14 +330,14 @@ def as_csv(results: Iterable[Results]) -> str:
             head = (
                 task,
                 suite,
-                rank,
+                rank if s.scored else "",
                 one.solver,
                 json.dumps(dict(one.settings), sort_keys=True),
                 s.runs,
                 s.success,
             )
             times = (s.t_conv_median_s, *s.t_conv_ci_s, s.t_conv_restricted_mean_s)
-            row = (*head, *times, *rms, *nees, s.spread_deg, *counts, *(one.cost or (None,) * 3))
+            row = (*head, *times, *rms, *nees, s.spread_deg, s.spread_runs, *counts, *(one.cost or (None,) * 3))
             writer.writerow(["" if isinstance(v, float) and math.isnan(v) else v for v in row])
     return out.getvalue()
 
@@ -250,13 +361,13 @@ def as_markdown(results: Iterable[Results]) -> str:
         rows = [head, ["---:" if i != 1 else "---" for i in range(len(head))]]
         for rank, one in lines:
             s = one.summary
-            cells = [str(rank), one.label, str(s.runs), f"{100 * s.success:.0f} %"]
+            cells = [str(rank) if s.scored else "-", one.label, str(s.runs), success_text(s)]
             cells += [_inline(seconds(s.t_conv_median_s), seconds_interval(s.t_conv_ci_s))]
             cells += [_inline(angle(s.rms[axis]), angle_interval(s.rms_ci[axis])) for axis in "UEN"]
             text, inside = nees_text(s)
             cells += [text + (" (outside)" if inside is False else ""), failure_text(s)]
-            cells += [number(one.cost.ratio, 2) if one.cost and one.cost.ratio is not None else "-"]
-            rows.append(cells + ([number(s.spread_deg)] if group[0].task.windows else []))
+            cells += [cost_text(one)]
+            rows.append(cells + ([" ".join(_spread(s)).strip()] if group[0].task.windows else []))
         body = "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)
         parts.append(f"### {name}\n\n{group[0].task.what}\n\n{body}\n\n{_footer(group)}\n")
     return "\n".join(parts)

@@ -12,17 +12,22 @@ from typing import Any, NoReturn
 from rich.console import Console
 
 from sins_env.errors import unknown
+from sins_env.evaluation import commands
+from sins_env.evaluation.outcome import RunFailed
+from sins_env.memory import keep_freed_memory
 
 INTERRUPTED = 130
 DEFAULT_DB = "results.sqlite"
+CODES = "Exit code: 0, 1 for a failed run, 2 for wrong use, 130 for Ctrl-C."
+_FAILED = "failed epochs (an action that is not finite, or zero). A run that diverged is a result: 0."
+_RUN_CODES = f"Exit code 1: the run raised, was lost, was given up by the solver, or had {_FAILED}"
+_EVAL_CODES = (
+    f"Exit code 1: any run raised, was lost, or had {_FAILED} Runs given up by the solver are counted in the table."
+)
 
 
 class _Wrong(Exception):
     """Wrong use, in one line."""
-
-
-class RunFailed(Exception):
-    """What was asked for ran and failed, in one line."""
 
 
 class _Console(Console):
@@ -63,13 +68,14 @@ def _several(parser: argparse.ArgumentParser, *flags: str, **settings: Any) -> N
 
 def parser() -> argparse.ArgumentParser:
     """The whole grammar; each verb's function is its default ``go``."""
-    from sins_env.evaluation import commands
-
-    top = _Parser(prog="sins-env", description="Which filter aligns a strapdown inertial system fastest?")
+    about = "Which filter aligns a strapdown inertial system fastest?"
+    top = _Parser(prog="sins-env", description=about, epilog=CODES)
     verbs = top.add_subparsers(dest="verb", metavar="VERB", parser_class=_Parser)
 
-    def verb(name: str, go: Callable[[argparse.Namespace, Console], int], text: str) -> argparse.ArgumentParser:
-        sub = verbs.add_parser(name, help=text, description=text)
+    def verb(
+        name: str, go: Callable[[argparse.Namespace, Console], int], text: str, epilog: str | None = None
+    ) -> argparse.ArgumentParser:
+        sub = verbs.add_parser(name, help=text, description=text, epilog=epilog)
         sub.set_defaults(go=go)
         return sub
 
@@ -79,14 +85,14 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("name", metavar="NAME")
     sub.add_argument("--allan", metavar="FILE", help="draw the Allan deviation of an IMU preset or a recording")
 
-    sub = verb("run", commands.run, "one episode, with its final errors and a figure")
+    sub = verb("run", commands.run, "one episode, with its final errors and a figure", _RUN_CODES)
     sub.add_argument("task", metavar="TASK")
     sub.add_argument("solver", metavar="SOLVER")
     sub.add_argument("--run", type=_seed, default=0, metavar="N", help="which run of the suite (default 0)")
     sub.add_argument("--plot", metavar="FILE", help="draw the errors over time")
     sub.add_argument("--traceback", action="store_true", help="show where the solver raised")
 
-    sub2 = verb("eval", commands.evaluate, "many runs of solvers on tasks, into a results file")
+    sub2 = verb("eval", commands.evaluate, "many runs of solvers on tasks, into a results file", _EVAL_CODES)
     _several(sub2, "--task", required=True, help="one task or several")
     _several(sub2, "--solver", required=True, help="names, or module:Factory")
     sub2.add_argument("--runs", type=_count, default=100, metavar="N", help="default 100; a recording has its windows")
@@ -125,6 +131,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; its exit code: 0, 1 for a failed run, 2 for wrong use, 130 for Ctrl-C."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    keep_freed_memory()
     try:
         code = _run(arguments)
         sys.stdout.flush()

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from argparse import Namespace
-from contextlib import nullcontext
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,12 +15,12 @@ from rich.text import Text
 from sins_env.errors import unknown
 from sins_env.evaluation import bench as speed
 from sins_env.evaluation import board as boards
-from sins_env.evaluation import monte_carlo, registry
+from sins_env.evaluation import monte_carlo, plots, registry
 from sins_env.evaluation.check import Check, check_estimator
-from sins_env.evaluation.cli import RunFailed
-from sins_env.evaluation.episode import run_episode
-from sins_env.evaluation.executors import Processes, available_cores
+from sins_env.evaluation.episode import EstimatorError, run_episode
+from sins_env.evaluation.executors import runner
 from sins_env.evaluation.listing import describe, list_all
+from sins_env.evaluation.outcome import RunFailed, check_plot, remark, save_figure
 from sins_env.evaluation.progress import Bar
 from sins_env.evaluation.scoring import Records
 from sins_env.evaluation.store import Key, Store, canonical
@@ -31,36 +28,6 @@ from sins_env.evaluation.tasks import EvaluationTask, get_task, suite_hash
 from sins_env.specs import ARCSEC, DEG
 
 __all__ = ["bench", "board", "check", "describe", "evaluate", "list_all", "run"]
-
-
-def remark(text: str) -> None:
-    print(text, file=sys.stderr)
-
-
-def check_plot(path: str | None, option: str = "--plot") -> None:
-    """Refuse a figure that could not be written before the work is done.
-
-    Raises:
-        ValueError: a format that Matplotlib does not write, or a directory that does not exist.
-    """
-    if path is None:
-        return
-    from matplotlib.backend_bases import FigureCanvasBase
-
-    allowed = FigureCanvasBase.get_supported_filetypes()
-    ending = Path(path).suffix.lstrip(".").lower()
-    if ending not in allowed:
-        endings = ", ".join(f".{name}" for name in sorted(allowed))
-        raise ValueError(f"{option} {path}; allowed: a file that ends in {endings}")
-    if not Path(path).resolve().parent.is_dir():
-        raise ValueError(f"{option} {path}: the directory does not exist")
-
-
-def _save(figure: Any, path: str) -> None:
-    from sins_env.evaluation import plots
-
-    plots.save(figure, path)
-    remark(f"figure: {path}")
 
 
 def run(given: Namespace, console: Console) -> int:
@@ -72,7 +39,7 @@ def run(given: Namespace, console: Console) -> int:
 
         def watch(k: int, phi: Any, sigma: Any) -> None:
             if k % 10 == 0:
-                note = f"azimuth {phi[0, 2] / DEG:+8.3f} deg"
+                note = f"azimuth {phi[0, 2] / DEG:+8.3f} deg" if np.isfinite(phi[0, 2]) else ""
                 bar.update(k * epoch, total, note)
 
         epoch, total = monte_carlo.extent(task, 1)
@@ -81,12 +48,11 @@ def run(given: Namespace, console: Console) -> int:
     if records.status[0] == "raised" and given.traceback:
         remark(records.traceback[0].rstrip())
     if given.plot:
-        from sins_env.evaluation import plots
-
-        _save(plots.run_figure(task, given.solver, course), given.plot)
-    if records.status[0] == "raised":
+        save_figure(plots.run_figure(task, given.solver, course), given.plot)
+    if not records.unfinished[0]:
+        console.print(_run_table(given, task, records))
+    if records.broken[0] or records.status[0] == "frozen":
         raise RunFailed(f"{given.solver} on {task.name}, run {given.run}: {records.reason[0]}")
-    console.print(_run_table(given, task, records))
     return 0
 
 
@@ -94,6 +60,7 @@ def _run_table(given: Namespace, task: EvaluationTask, records: Records) -> Tabl
     title = f"{given.solver} on {task.name}, run {given.run}"
     table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
     table.add_column("error")
+    scored = records.criteria.scored
     for name in ("at the end", "RMS, steady", "threshold", "within it from"):
         table.add_column(name, justify="right")
     for name, j, unit, sign in (
@@ -104,13 +71,16 @@ def _run_table(given: Namespace, task: EvaluationTask, records: Records) -> Tabl
         time = float(records.t_conv[0, j])
         table.add_row(
             name,
-            f"{records.final[0, j] / unit:+.4g}{sign}",
-            f"{boards.number(records.steady_rms[0, j] / unit)}{sign}",
+            f"{records.final[0, j] / unit:+.4g}{sign}" if scored else "-",
+            f"{boards.number(records.steady_rms[0, j] / unit)}{sign}" if scored else "-",
             f"{records.criteria.delta[j] / unit:g}{sign}",
-            f"{time:.1f} s" if np.isfinite(time) else Text("not aligned", style="red"),
+            "-" if not scored else f"{time:.1f} s" if np.isfinite(time) else Text("not aligned", style="red"),
         )
     coarse = f" after {records.criteria.coarse_s:g} s of coarse alignment" if records.criteria.coarse_s else ""
-    table.caption = f"{records.reason[0] or str(records.status[0])}; times from the start of the fine phase{coarse}"
+    verdict = records.reason[0] or str(records.status[0])
+    times = f"times from the start of the fine phase{coarse}"
+    heading = f"no reference to score against; heading at the end {np.degrees(records.heading[0]) % 360:.3f}°"
+    table.caption = f"{verdict}; {times if scored else heading}"
     table.caption_justify = "left"
     return table
 
@@ -155,23 +125,22 @@ def evaluate(given: Namespace, console: Console) -> int:
     for group in boards.by_task(results).values():
         console.print(boards.table(group, console.width))
     if given.plot:
-        from sins_env.evaluation import plots
-
-        _save(plots.error_figure(results), given.plot)
-    bad = [one for one in results if one.summary.counts["raised"] + one.summary.counts["lost"]]
+        save_figure(plots.error_figure(results), given.plot)
+    bad = [one for one in results if one.records.broken.any()]
     for one in bad:
         records = one.records
-        i = next(i for i, status in enumerate(records.status) if status in ("raised", "lost"))
-        remark(f"{one.label} on {one.task.name}, run {records.run[i]}: {records.reason[i]}")
+        i = int(np.argmax(records.broken))
+        unmeasured = "; its cost was not measured" if one.summary.counts["lost"] and not one.cost else ""
+        remark(f"{one.label} on {one.task.name}, run {records.run[i]}: {records.reason[i]}{unmeasured}")
     return 1 if bad else 0
 
 
 def _evaluate_all(given: Namespace, store: Store, todo: list[Any], settings: dict[str, Any]) -> None:
     """All pairs share the worker processes; after an interruption the chunks that have ended are stored."""
-    workers = given.workers or available_cores()
-    pool = given.executor == "processes" and workers > 1 and sum(len(runs) for *_, runs in todo) > 1
-    with Processes(workers) if pool else nullcontext() as shared:
-        where = shared or (given.executor if given.executor != "processes" else None)
+    count = sum(len(runs) for *_, runs in todo)
+    if not count:
+        return
+    with runner(given.executor, given.workers, count) as where:
         for i, (task, solver, key, missing) in enumerate(todo, start=1):
             if not missing:
                 continue
@@ -185,7 +154,6 @@ def _evaluate_all(given: Namespace, store: Store, todo: list[Any], settings: dic
                         given.seed,
                         settings=settings,
                         executor=where,
-                        workers=given.workers if where is not None else 1,
                         chunk=given.chunk,
                         progress=bar.update,
                         on_records=lambda records, key=key: store.add(key, records),  # type: ignore[misc]
@@ -220,9 +188,7 @@ def board(given: Namespace, console: Console) -> int:
         for group in boards.by_task(results).values():
             console.print(boards.table(group, console.width))
     if given.plot and results:
-        from sins_env.evaluation import plots
-
-        _save(plots.error_figure(results), given.plot)
+        save_figure(plots.error_figure(results), given.plot)
     return 0
 
 
@@ -244,8 +210,14 @@ def check(given: Namespace, console: Console) -> int:
 
 def bench(given: Namespace, console: Console) -> int:
     """Speed, in CPU time on one thread."""
-    with Bar(f"bench of {given.solver}") as bar:
-        speeds = speed.measure(given.solver, given.task, batches=tuple(given.runs), progress=bar.update)
+    batches, remarks = speed.fitting(given.solver, given.task, given.runs)
+    for text in remarks:
+        remark(text)
+    try:
+        with Bar(f"bench of {given.solver}") as bar:
+            speeds = speed.measure(given.solver, given.task, batches=batches, progress=bar.update)
+    except EstimatorError as error:
+        raise RunFailed(f"{given.solver} on {given.task}: {error}") from error
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.title, table.title_justify, table.title_style = f"{given.solver} on {given.task}", "left", "bold"
     table.add_column("part")

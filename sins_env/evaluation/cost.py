@@ -10,8 +10,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sins_env.evaluation import registry
-from sins_env.evaluation.episode import EstimatorError, Job, _Guard
+from sins_env.evaluation.episode import EstimatorError
 from sins_env.evaluation.tasks import EvaluationTask
+from sins_env.evaluation.timing import Probe
 
 YARDSTICK = "ckf"
 WARM_UP, BLOCK, BLOCKS = 30, 20, 15  #: epochs, epochs, number of blocks timed
@@ -26,30 +27,6 @@ class Cost(NamedTuple):
     ratio: float | None  #: of the median to that of ckf; None where ckf is not installed
 
 
-class _Probe:
-    """One run, advanced block by block; the coarse phase belongs to the warm-up."""
-
-    def __init__(self, task: EvaluationTask, solver: registry.Solver, settings: Mapping[str, Any]) -> None:
-        self.env = task.make(1)
-        self.obs, _ = task.reset(self.env, (0,))
-        public = self.env.unwrapped.task  # type: ignore[attr-defined]
-        self.left = public.num_epochs
-        self.guard = _Guard(registry.make(solver, settings), 1)
-        self.guard.reset(public, Job(task, solver, (0,)).rngs())
-        self.advance(round(public.coarse_s / public.epoch_s) + WARM_UP)
-
-    def advance(self, epochs: int) -> list[float]:
-        """Seconds of each step."""
-        times = []
-        for _ in range(min(epochs, self.left)):
-            before = self.guard.seconds
-            action = self.guard.step(self.obs)
-            times.append(self.guard.seconds - before)
-            self.obs = self.env.step(action)[0]
-        self.left -= len(times)
-        return times
-
-
 def measure_cost(
     task: EvaluationTask, solver: registry.Solver, settings: Mapping[str, Any] | None = None
 ) -> Cost | None:
@@ -57,16 +34,17 @@ def measure_cost(
     given = dict(settings or {})
     with threadpool_limits(1):
         try:
-            probe = _Probe(task, solver, given)
+            probe = Probe(task, solver, given, warm_up=WARM_UP)
             same = solver == YARDSTICK and not given
-            yardstick = None if same or YARDSTICK not in registry.names() else _Probe(task, YARDSTICK, {})
+            installed = YARDSTICK in registry.names()
+            yardstick = None if same or not installed else Probe(task, YARDSTICK, {}, warm_up=WARM_UP)
             own: list[float] = []
             other: list[float] = []
             begin = time.perf_counter()
             for _ in range(BLOCKS):
-                own += probe.advance(BLOCK)
+                own += probe.advance(BLOCK)[0].tolist()
                 if yardstick:
-                    other += yardstick.advance(BLOCK)
+                    other += yardstick.advance(BLOCK)[0].tolist()
                 if time.perf_counter() - begin > MOST_S:
                     break
         except EstimatorError:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from sins_env import attitude, types
 from sins_env.evaluation import registry
 from sins_env.evaluation.scoring import Criteria, Records, Scorer, nees
-from sins_env.evaluation.tasks import EvaluationTask, solver_rng
+from sins_env.evaluation.tasks import EvaluationTask, get_task, is_scored, run_numbers, solver_rng
 
 Array = NDArray[np.float64]
 Tick = Callable[[int], None]  #: run-epochs done so far
@@ -49,13 +49,13 @@ class EstimatorError(Exception):
     """An estimator raised, or returned what is no action; ``__cause__`` is its own exception."""
 
 
-class _Guard:
+class Guard:
     """An estimator whose exceptions and malformed returns become :class:`EstimatorError`, with a clock."""
 
     def __init__(self, estimator: Any, num_runs: int) -> None:
         self.estimator, self.num_runs = estimator, num_runs
         self.batched = bool(estimator.batched)
-        self.seconds = 0.0
+        self.seconds, self.steps = 0.0, 0
 
     def _call(self, name: str, *args: Any) -> Any:
         try:
@@ -77,6 +77,7 @@ class _Guard:
         begin = time.perf_counter()
         action = self._call("step", obs)
         self.seconds += time.perf_counter() - begin
+        self.steps += 1
         return self._array("step", action, 4)
 
     def covariance(self) -> Array | None:
@@ -157,11 +158,12 @@ def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer 
     env = job.task.make(runs)
     obs, _ = job.task.reset(env, job.runs, job.suite_seed)
     public: types.Task = env.unwrapped.task  # type: ignore[attr-defined]
-    criteria = Criteria.of(job.task, public)
-    guard, scorer = _Guard(estimator, runs), Scorer(criteria, runs)
+    criteria = Criteria.of(job.task, public, is_scored(env))
+    guard, scorer = Guard(estimator, runs), Scorer(criteria, runs)
     ask = {epoch: i for i, epoch in enumerate(criteria.nees_epochs)}
     block, failed = np.empty((runs, BLOCK_EPOCHS, 3)), np.zeros((runs, BLOCK_EPOCHS), dtype=bool)
     action, in_block = np.full((runs, 4), np.nan), 0
+    unknown = np.full((runs, 3), np.nan)
     outcome: dict[str, Any] = {}
     try:
         guard.reset(public, job.rngs())
@@ -169,8 +171,8 @@ def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer 
             action = guard.step(obs)
             P = guard.covariance() if k in ask or (observer and criteria.known_start) else None
             obs, _, _, _, info = env.step(action)
-            phi = info["errors"]["phi"]
-            block[:, in_block], failed[:, in_block] = phi, info["failed"]
+            phi = info["errors"]["phi"] if criteria.scored else unknown
+            block[:, in_block], failed[:, in_block] = phi, info["failed"] | ~action.any(axis=-1)
             in_block += 1
             if k in ask and P is not None:
                 scorer.nees[:, ask[k]] = nees(phi, P)
@@ -186,6 +188,7 @@ def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer 
         if runs > 1:
             raise
         frozen = np.full(1, -1)
+        action = np.full((1, 4), np.nan)  # its heading is none
         at = (scorer.k + in_block + 1) * criteria.epoch_s
         outcome |= {
             "status": np.array(["raised"]),
@@ -199,7 +202,7 @@ def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer 
         env.close()
     outcome |= {
         "heading": _heading(action),
-        "step_s": np.full(runs, guard.seconds / (runs * criteria.num_epochs)),
+        "step_s": np.full(runs, guard.seconds / (runs * max(guard.steps, 1))),
     }
     return _with_frozen(scorer.records(job.runs, **outcome), frozen)
 
@@ -234,7 +237,7 @@ def lost_records(job: Job, why: str) -> Records:
     """Records of runs whose worker died: every epoch failed."""
     env = job.task.make(len(job.runs))
     job.task.reset(env, job.runs, job.suite_seed)
-    criteria = Criteria.of(job.task, env.unwrapped.task)  # type: ignore[attr-defined]
+    criteria = Criteria.of(job.task, env.unwrapped.task, is_scored(env))  # type: ignore[attr-defined]
     env.close()
     scorer = Scorer(criteria, len(job.runs))
     scorer.fill()
@@ -248,12 +251,12 @@ class Course:
 
     records: Records
     t: NDArray[np.floating[Any]]  #: (K,) s
-    phi: Array  #: (K, 3) rad
+    phi: Array  #: (K, 3) rad; NaN where the recording has no reference
     sigma: Array  #: (K, 3) rad, the estimator's own; NaN where it states none
 
 
 def run_episode(
-    task: EvaluationTask,
+    task: str | EvaluationTask,
     solver: registry.Solver,
     run: int = 0,
     seed: int | None = None,
@@ -264,10 +267,10 @@ def run_episode(
     """Play one run of the task's suite (or of the suite of ``seed``) and keep its errors at every epoch.
 
     Raises:
-        ValueError, FileNotFoundError: a run, settings or a solver that do not fit.
+        ValueError, FileNotFoundError: a task, a run, settings or a solver that do not fit.
     """
-    if run < 0:
-        raise ValueError(f"run = {run}; allowed: 0 or more")
+    task = get_task(task)
+    (run,) = run_numbers([run])
     task.check_runs(run + 1)
     phis: list[Array] = []
     sigmas: list[Array] = []

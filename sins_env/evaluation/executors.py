@@ -14,15 +14,18 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
+from multiprocessing.context import SpawnContext, SpawnProcess
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sins_env.errors import unknown
 from sins_env.evaluation.episode import Job, run_job
 from sins_env.evaluation.scoring import Records
+from sins_env.memory import keep_freed_memory
 
+T = TypeVar("T")
 POLL_S = 0.1
 EXECUTORS = ("processes", "dask")
 #: A job and what came of it; None: its worker died twice.
@@ -54,7 +57,7 @@ class InProcess:
 
 
 class Borrowed:
-    """An executor that belongs to someone else; progress moves as jobs end."""
+    """Any executor, which whoever made it closes; progress moves as jobs end."""
 
     def __init__(self, executor: Executor) -> None:
         self.executor = executor
@@ -94,6 +97,18 @@ def _run_quietly(job: Job) -> Records:
         return run_job(job)
 
 
+class _Spawn(SpawnContext):
+    """Spawns processes, and remembers which, so that they can be ended."""
+
+    def __init__(self) -> None:
+        self.started: list[SpawnProcess] = []
+
+    def Process(self, *arguments: Any, **settings: Any) -> SpawnProcess:  # type: ignore[override]
+        process = SpawnProcess(*arguments, **settings)
+        self.started.append(process)
+        return process
+
+
 class Processes:
     """A pool of worker processes (spawned), one BLAS thread each; a context manager."""
 
@@ -101,7 +116,7 @@ class Processes:
         if workers is not None and workers < 1:
             raise ValueError(f"workers = {workers!r}; allowed: at least 1")
         self.workers = workers or available_cores()
-        self._context = multiprocessing.get_context("spawn")
+        self._context = _Spawn()
         #: run-epochs done by the job in each slot; the last element tells the workers to stop
         self._shared = self._context.RawArray("q", self.workers + 1)
         self._pool: ProcessPoolExecutor | None = None
@@ -119,13 +134,22 @@ class Processes:
         if self._pool is None:
             return
         self._shared[self.workers] = 1
-        processes = list((self._pool._processes or {}).values())
         self._pool.shutdown(wait=False, cancel_futures=True)
-        for process in processes:
+        for process in self._context.started:
             process.join(2.0)
             if process.is_alive():
                 process.kill()
         self._pool = None
+
+    def call(self, function: Callable[..., T], *arguments: Any) -> T | None:
+        """What a function gives in a worker; None if the worker dies of it."""
+        try:
+            with _interrupts_held():
+                future = self._ready_pool().submit(function, *arguments)
+            return future.result()
+        except BrokenExecutor:
+            self._pool = None
+            return None
 
     def run(self, jobs: Sequence[Job], progress: Progress) -> Iterator[Finished]:
         waiting = [(job, True) for job in reversed(jobs)]  # a stack; True: a first attempt
@@ -164,6 +188,7 @@ class Processes:
     def _ready_pool(self) -> ProcessPoolExecutor:
         if self._pool is None:
             self._shared[self.workers] = 0
+            self._context.started.clear()
             pool = ProcessPoolExecutor(self.workers, self._context, _init_worker, (self._shared,))
             try:
                 pool.submit(os.getpid).result()
@@ -206,6 +231,7 @@ def _init_worker(shared: Any) -> None:
     _shared = shared
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
     threadpool_limits(1)
+    keep_freed_memory()
     threading.Thread(target=_die_with_parent, daemon=True).start()
 
 
@@ -231,31 +257,39 @@ def check_executor(name: str | None) -> None:
         raise unknown("executor", name, EXECUTORS)
 
 
-def runner(executor: Executor | Runner | str | None, workers: int | None, jobs: int) -> Runner:
+@contextmanager
+def runner(executor: Executor | Runner | str | None, workers: int | None, jobs: int) -> Iterator[Runner]:
     """The runner for ``jobs`` jobs: what is given, or processes; one worker or one job stays in this one.
+
+    What is made here is closed in the end; what was given stays open.
 
     Raises:
         ValueError: an unknown name, or fewer than one worker.
     """
     if executor is not None and not isinstance(executor, str):
-        return executor if hasattr(executor, "run") else Borrowed(executor)
+        yield executor if hasattr(executor, "run") else Borrowed(executor)
+        return
     if workers is not None and workers < 1:
         raise ValueError(f"workers = {workers!r}; allowed: at least 1")
     check_executor(executor)
+    workers = workers or available_cores()
     if executor == "dask":
-        return Borrowed(_dask(workers))
-    workers = min(workers or available_cores(), jobs)
-    return Processes(workers) if workers > 1 else InProcess()
+        with _dask(workers) as client:
+            yield Borrowed(client.get_executor())
+    elif min(workers, jobs) > 1:
+        with Processes(min(workers, jobs)) as processes:
+            yield processes
+    else:
+        yield InProcess()
 
 
-def _dask(workers: int | None) -> Executor:
+def _dask(workers: int) -> Any:
+    """A client with its own cluster, a context manager."""
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError as error:
         raise ValueError("executor 'dask' needs the package distributed: pip install distributed") from error
-    client = distributed.Client(n_workers=workers or available_cores(), threads_per_worker=1)
-    executor: Executor = client.get_executor()
-    return executor
+    return distributed.Client(n_workers=workers, threads_per_worker=1)
 
 
 __all__ = ["Borrowed", "InProcess", "Processes", "Runner", "available_cores", "check_executor", "runner"]

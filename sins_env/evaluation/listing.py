@@ -19,6 +19,8 @@ from rich.table import Table
 from sins_env.envs import ALIGNMENT_IDS
 from sins_env.errors import unknown
 from sins_env.evaluation import registry
+from sins_env.evaluation.outcome import check_plot, save_figure
+from sins_env.evaluation.progress import Bar
 from sins_env.evaluation.tasks import TASKS, EvaluationTask, suite_hash
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS
 
@@ -26,8 +28,8 @@ from sins_env.specs import GPS_PRESETS, IMU_PRESETS
 def _table(title: str, *columns: str) -> Table:
     table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
     table.show_header = any(columns)
-    for name in columns:
-        table.add_column(name, overflow="fold")
+    for i, name in enumerate(columns):
+        table.add_column(name, overflow="fold", no_wrap=i == 0)  # names stay whole
     return table
 
 
@@ -38,7 +40,14 @@ def _env_class(env_id: str) -> type:
 
 def _summary(text: str | None) -> str:
     """First sentence of a docstring, without markup."""
-    return _prose((text or "").split("\n\n")[0]).split(": ", 1)[-1]
+    return re.split(r"(?<=[.!?])\s+(?=[A-Z])", _prose((text or "").split("\n\n")[0]), maxsplit=1)[0]
+
+
+def _of_environment(env_id: str) -> str:
+    """What the class of an environment says; its module, where the class only points to its settings."""
+    cls = _env_class(env_id)
+    texts = [_summary(text).removeprefix(f"{env_id}: ") for text in (cls.__doc__, inspect.getmodule(cls).__doc__)]
+    return next((text for text in texts if text and not text.startswith("see ")), "")
 
 
 def _prose(text: str) -> str:
@@ -50,7 +59,7 @@ def list_all(given: Namespace, console: Console) -> int:
     """Environments, tasks, solvers and presets."""
     table = _table("environments", "id", "what")
     for env_id in ALIGNMENT_IDS:
-        table.add_row(env_id, _summary(_env_class(env_id).__doc__))
+        table.add_row(env_id, _of_environment(env_id))
     console.print(table)
     table = _table("tasks", "name", "what", "aligned within")
     for task in TASKS.values():
@@ -95,7 +104,7 @@ def describe(given: Namespace, console: Console) -> int:
         found = _recording(name, console)
     if not found:
         everything = [*TASKS, *ALIGNMENT_IDS, *IMU_PRESETS, *GPS_PRESETS, *registry.names()]
-        raise unknown("name", name, everything)
+        raise unknown("name", name, dict.fromkeys(everything))
     if given.allan:
         _allan(name, given.allan)
     return 0
@@ -124,7 +133,7 @@ def _task(task: EvaluationTask, console: Console) -> bool:
 
 def _environment(env_id: str, console: Console) -> bool:
     cls = _env_class(env_id)
-    console.print(f"[bold]{env_id}[/]  {escape(_summary(cls.__doc__))}\n", highlight=False)
+    console.print(f"[bold]{env_id}[/]  {escape(_of_environment(env_id))}\n", highlight=False)
     module: Any = inspect.getmodule(cls)
     settings = getattr(module, "ReplaySettings" if "Replay" in env_id else "AlignSettings")
     for paragraph in (inspect.getdoc(settings) or "").split("\n\n"):
@@ -191,8 +200,6 @@ def _recording(name: str, console: Console) -> bool:
 
 
 def _check_allan(name: str, path: str) -> None:
-    from sins_env.evaluation.commands import check_plot
-
     check_plot(path, "--allan")
     if name not in IMU_PRESETS and not name.endswith(".npz"):
         allowed = f"an IMU preset ({', '.join(IMU_PRESETS)}) or a recording"
@@ -202,13 +209,10 @@ def _check_allan(name: str, path: str) -> None:
 def _allan(name: str, path: str) -> None:
     """Draw the Allan deviation of an IMU preset or a recording."""
     from sins_env import figures, recordings
-    from sins_env.evaluation.commands import remark
-    from sins_env.evaluation.progress import Bar
 
     with Bar("Allan deviation"):
         if name in IMU_PRESETS:
             figure = figures.allan_figure(IMU_PRESETS[name], name, np.random.default_rng(0))
         else:
             figure = figures.allan_figure(recordings.load(name), Path(name).stem)
-    figure.savefig(path, dpi=150)
-    remark(f"figure: {path}")
+    save_figure(figure, path)

@@ -50,7 +50,7 @@ def rms_interval(rms: Array) -> tuple[float, Interval]:
     """
     squares = np.square(rms)
     value = float(np.sqrt(squares.mean()))
-    if len(rms) < 2:
+    if len(rms) < 2 or math.isnan(value):
         return value, NO_INTERVAL
     if np.ptp(squares) <= 1e-12 * squares.max():
         return value, (value, value)
@@ -129,9 +129,13 @@ def success_profile(records: Records, points: int = 80) -> tuple[Array, Array, A
     return out[0], out[1], out[2], out[3]
 
 
-def heading_spread(headings: Array) -> float:
+def known_headings(records: Records) -> Array:
+    """Final headings, rad, of the runs that came to their end with one: not of those that raised or were lost."""
+    return records.heading[np.isfinite(records.heading) & ~records.unfinished]
+
+
+def heading_spread(known: Array) -> float:
     """Repeatability: standard deviation over runs of the final heading, rad; NaN for fewer than two."""
-    known = headings[np.isfinite(headings)]
     if len(known) < 2:
         return math.nan
     centre = np.angle(np.exp(1j * known).mean())
@@ -159,7 +163,9 @@ class Summary:
     rms_final_ci: dict[str, Interval]
     nees: tuple[Nees, ...]
     spread_deg: float  #: of the final heading over runs; tells something only where the truth is the same
+    spread_runs: int  #: that have a final heading; those that raised or were lost have none
     counts: dict[str, int]  #: of each failure: diverged, frozen, raised, lost, repaired
+    scored: bool = True  #: False without a reference: times, success and errors are NaN
 
     @property
     def failures(self) -> int:
@@ -183,13 +189,14 @@ def summarise(records: Records) -> Summary:
     """All scores of a set of runs."""
     c = records.criteria
     aligned = records.aligned_s
-    median, interval = median_interval(aligned)
+    median, interval = median_interval(aligned) if c.scored else (math.nan, NO_INTERVAL)
+    headings = known_headings(records)
     steady = [rms_interval(records.steady_rms[:, j]) for j in range(3)]
     final = [rms_interval(np.abs(records.final[:, j])) for j in range(3)]
     return Summary(
         runs=len(records),
-        success=float(np.isfinite(aligned).mean()),
-        success_by_axis=_by_axis(np.isfinite(records.t_conv).mean(axis=0)),
+        success=float(_converged(aligned).mean()),
+        success_by_axis=_by_axis(_converged(records.t_conv).mean(axis=0)),
         t_conv_median_s=median,
         t_conv_ci_s=interval,
         t_conv_restricted_mean_s=restricted_mean(aligned, c.horizon_s),
@@ -202,9 +209,16 @@ def summarise(records: Records) -> Summary:
         rms_final=_by_axis([value / ARCSEC for value, _ in final]),
         rms_final_ci={axis: _arcsec(ci) for axis, (_, ci) in zip("ENU", final, strict=True)},
         nees=consistency(records),
-        spread_deg=math.degrees(heading_spread(records.heading)),
+        spread_deg=math.degrees(heading_spread(headings)),
+        spread_runs=len(headings),
         counts=failure_counts(records),
+        scored=c.scored,
     )
+
+
+def _converged(times: Array) -> Array:
+    """1 or 0; NaN where it is not scored."""
+    return np.where(np.isnan(times), np.nan, np.isfinite(times))
 
 
 def _by_axis(values: Array | list[float]) -> dict[str, float]:

@@ -16,7 +16,7 @@ from sins_env.evaluation.episode import Job, lost_records
 from sins_env.evaluation.executors import Processes, Runner, check_executor, runner
 from sins_env.evaluation.metrics import Summary, summarise
 from sins_env.evaluation.scoring import Records
-from sins_env.evaluation.tasks import EvaluationTask, get_task, suite_hash
+from sins_env.evaluation.tasks import EvaluationTask, get_task, run_numbers, suite_hash
 
 #: simulated seconds done, and in all, summed over runs
 Report = Callable[[float, float], None]
@@ -84,12 +84,12 @@ def evaluate(
 
     Args:
         solver: a name, ``module:Factory``, or a class or function (at module level, for worker processes).
-        runs: how many, or the numbers of those wanted.
+        runs: how many, or the numbers of those wanted (from 0 on).
         seed: of the suite; None is the task's own. The hash of a secret one may be published.
         executor: None or "processes" for worker processes, "dask", any ``concurrent.futures.Executor``.
         workers: processes; None is one per core, 1 stays in this process. Results do not depend on it.
         chunk: runs per batch, by default 64 to 256. Other sizes change results by rounding only (1e-9).
-        cost: measure the time of one step besides, and its ratio to ckf.
+        cost: measure the time of one step besides, and its ratio to ckf; not where a run was lost.
         progress: called with the simulated seconds done and in all, summed over runs.
         on_records: called in this process with the records of each chunk as it ends; what was handed over
             before a KeyboardInterrupt is done.
@@ -99,29 +99,39 @@ def evaluate(
         RuntimeError: worker processes cannot start.
     """
     task = get_task(task)
-    wanted = list(range(runs)) if isinstance(runs, int) else sorted(set(runs))
-    task.check_runs(max(wanted, default=-1) + 1)
+    wanted = run_numbers(runs)
+    task.check_runs(wanted[-1] + 1)
     given = dict(settings or {})
     registry.make(solver, given)
     epoch, total = extent(task, len(wanted))
     jobs = [Job(task, solver, part, given, seed) for part in chunks(wanted, chunk)]
     jobs[0].rngs()  # refuses a bad seed here rather than in a worker
     report = progress or (lambda done, total: None)
-    where = runner(executor, workers, len(jobs))
     parts: list[Records] = []
-    try:
+    with runner(executor, workers, len(jobs)) as where:
         for job, found in where.run(jobs, lambda done: report(min(done * epoch, total), total)):
             records = found or lost_records(job, "its worker process died twice (out of memory, or a crash)")
             parts.append(records)
             if on_records:
                 on_records(records)
-    finally:
-        if isinstance(where, Processes) and where is not executor:
-            where.close()
-    report(total, total)
-    measured = measure_cost(task, solver, given) if cost else None
+        report(total, total)
+        together = Records.concat(parts)
+        measured = _cost(where, task, solver, given, together) if cost else None
     name = registry.solver_name(solver)
-    return Results(task, name, given, suite_hash(task, seed), Records.concat(parts), measured)
+    return Results(task, name, given, suite_hash(task, seed), together, measured)
+
+
+def _cost(
+    where: Runner, task: EvaluationTask, solver: registry.Solver, given: dict[str, Any], records: Records
+) -> Cost | None:
+    """Measured in a worker where there are some; None for a solver that kills its process."""
+    if (records.status == "lost").any():
+        return None
+    return (
+        where.call(measure_cost, task, solver, given)
+        if isinstance(where, Processes)
+        else measure_cost(task, solver, given)
+    )
 
 
 def extent(task: EvaluationTask, runs: int) -> tuple[float, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +21,7 @@ if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
 #: Okabe and Ito: told apart with any colour vision; line styles tell solvers apart in print, too.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+NO_REFERENCE = "no reference: errors are not scored"
 _DOTTED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (1, 1)), "linewidth": 1.2}
 
 
@@ -37,15 +37,6 @@ def _new(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
-
-
-def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure; the ending of the file's name is its format.
-
-    Raises:
-        ValueError: a format that Matplotlib does not write. OSError: a file that cannot be written.
-    """
-    figure.savefig(path, dpi=150)
 
 
 def _axes(axes: Axes, title: str, **settings: Any) -> None:
@@ -72,6 +63,8 @@ def error_figure(results: Sequence[Results]) -> Figure:
         lines = [one for _, one in ranked(group)]
         azimuth, level, profile = part.subplots(1, 3)
         for one in lines:
+            if not one.summary.scored:
+                continue
             i = colours[one.label]  # a solver looks the same in every task
             t = one.records.criteria.history_t
             _band(azimuth, t, one.records.history[:, :, 2:], DEG, one.label, i)
@@ -88,6 +81,9 @@ def error_figure(results: Sequence[Results]) -> Figure:
         held = f"azimuth within the threshold for the last {task.hold_s:g} s"
         _axes(profile, held, xlabel="threshold, deg", ylabel="% of runs", xscale="log", ylim=(-3, 103))
         profile.axvline(task.delta_azimuth_deg, **_DOTTED)
+        if not criteria.scored:
+            for axes in (azimuth, level, profile):
+                _say_unscored(axes)
         runs = sorted({len(one.records) for one in lines})
         count = f"{runs[0]} runs" if len(runs) == 1 else f"{runs[0]} to {runs[-1]} runs"
         part.suptitle(f"{task.name}   {count}, shaded: 95 % intervals", x=0.01, ha="left", fontsize=12)
@@ -95,6 +91,10 @@ def error_figure(results: Sequence[Results]) -> Figure:
         place = {"loc": "outside lower center", "ncols": min(len(labels), 6)}
         part.legend(handles, labels, frameon=False, fontsize=9, handlelength=3.2, **place)
     return figure
+
+
+def _say_unscored(axes: Axes) -> None:
+    axes.text(0.5, 0.5, NO_REFERENCE, transform=axes.transAxes, ha="center", va="center", fontsize=9, color="0.35")
 
 
 def _band(axes: Axes, t: Any, history: Any, unit: float, label: str, i: int) -> None:
@@ -134,7 +134,10 @@ def run_figure(task: EvaluationTask, label: str, course: Course) -> Figure:
         for sign in (-1, 1):
             told = {"label": "threshold"} if sign > 0 else {}
             axes.axhline(sign * delta, color=COLOURS[1], linestyle="--", linewidth=1.0, **told)
-        title = f"{name} error   at the end {phi[-1]:+.3g} {unit_name}" if len(phi) else name
+        last = f"   at the end {phi[-1]:+.3g} {unit_name}" if len(phi) and criteria.scored else ""
+        title = f"{name} error{last}"
+        if not criteria.scored:
+            _say_unscored(axes)
         _axes(axes, title, ylabel=unit_name)
         axes.set_yscale("symlog", linthresh=2 * delta, linscale=2.0)
         _symlog_ticks(axes, delta, phi)
@@ -150,6 +153,8 @@ def run_figure(task: EvaluationTask, label: str, course: Course) -> Figure:
 
 
 def _verdict(course: Course) -> str:
+    if not course.records.criteria.scored:
+        return NO_REFERENCE
     time = float(course.records.aligned_s[0])
     return f"aligned {time:.1f} s into the fine phase" if np.isfinite(time) else "not aligned"
 
@@ -158,7 +163,7 @@ def _symlog_ticks(axes: Axes, delta: float, phi: Any) -> None:
     """Linear within twice the threshold, logarithmic beyond: zero, the threshold and the decades."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-    top = max(float(np.abs(phi).max(initial=0.0)) * 1.5, 2.5 * delta)
+    top = max(float(np.nan_to_num(np.abs(phi)).max(initial=0.0)) * 1.5, 2.5 * delta)
     decades = [10.0**n for n in range(-6, 8) if 1.8 * delta < 10.0**n <= top]
     positive = [delta, *decades]
     axes.set_ylim(-top, top)

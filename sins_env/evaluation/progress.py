@@ -3,45 +3,71 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from datetime import timedelta
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    Progress,
-    ProgressColumn,
-    Task,
-    TaskProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, Progress, ProgressColumn, Task
+from rich.table import Column
 from rich.text import Text
 
+BAR_LEAST, BAR_MOST = 6, 24
+#: columns of the terminal: a space, and "100%", "12,345x", "0:12:34 left", "0:12:34", "azimuth -123.456 deg"
+PERCENT, RATE, LEFT, ELAPSED, NOTE = 5, 8, 13, 8, 21
 
-class _Rate(ProgressColumn):
-    """How many times faster than real time: the unit of work is a second of one run."""
+
+class _Cell(ProgressColumn):
+    """One line of text that is never wrapped; empty where there is nothing to say yet."""
+
+    def __init__(self, text: Callable[[Task], str], style: str = "", most: int | None = None) -> None:
+        super().__init__(table_column=Column(no_wrap=True, overflow="ellipsis", max_width=most))
+        self.text, self.style = text, style
 
     def render(self, task: Task) -> Text:
-        speed = task.finished_speed or task.speed
-        return Text(f"{speed:,.0f}x real time" if speed else "", style="cyan")
+        return Text(self.text(task), style=self.style, no_wrap=True, overflow="ellipsis")
+
+
+def _percent(task: Task) -> str:
+    return f"{task.percentage:.0f}%" if task.total and task.completed else ""
+
+
+def _rate(task: Task) -> str:
+    """How many times faster than real time: the unit of work is a second of one run."""
+    speed = task.finished_speed or task.speed
+    return f"{speed:,.0f}x" if speed and speed >= 0.5 else ""
+
+
+def _left(task: Task) -> str:
+    seconds = task.time_remaining
+    return f"{timedelta(seconds=max(int(seconds), 0))} left" if seconds is not None and task.completed else ""
+
+
+def _elapsed(task: Task) -> str:
+    return str(timedelta(seconds=int(task.elapsed or 0)))
 
 
 class Bar:
-    """A progress bar over simulated seconds; a context manager. ``note`` is free text beside it."""
+    """A progress bar over simulated seconds; a context manager. ``note`` is free text beside it.
+
+    One line whatever the width: the bar shrinks first, then the elapsed time goes, then the note, then the label is cut.
+    """
 
     def __init__(self, label: str, total: float | None = None, console: Console | None = None) -> None:
         console = console or Console(file=sys.stderr)
-        columns = [
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=24),
-            TaskProgressColumn(),
-            _Rate(),
-            TimeElapsedColumn(),
-            TextColumn("·"),
-            TimeRemainingColumn(),
-            TextColumn("left"),
-            TextColumn("{task.fields[note]}"),
+        room = console.width - 1 - BAR_LEAST - PERCENT - RATE - LEFT
+        free = room - min(len(label), room)
+        note = free >= NOTE
+        elapsed = free >= NOTE + ELAPSED
+        bar = min(BAR_LEAST + free - NOTE * note - ELAPSED * elapsed, BAR_MOST)
+        columns: list[ProgressColumn] = [
+            _Cell(lambda task: task.description, most=max(room, 8)),
+            BarColumn(bar_width=bar),
+            _Cell(_percent, "magenta", PERCENT - 1),
+            _Cell(_rate, "cyan"),
+            *([_Cell(_elapsed, "yellow")] if elapsed else []),
+            _Cell(_left, "cyan"),
+            *([_Cell(lambda task: task.fields["note"])] if note else []),
         ]
         self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._task = self._progress.add_task(label, total=total, note="")

@@ -64,9 +64,10 @@ def _from_module(path: str) -> Factory:
         sys.path.insert(0, os.getcwd())
     try:
         module = importlib.import_module(module_name)
-    except ModuleNotFoundError as error:
-        raise ValueError(f"solver {path!r}: {error}; allowed: module:Factory, importable from {os.getcwd()}") from error
     except Exception as error:
+        if isinstance(error, ModuleNotFoundError) and f"{module_name}.".startswith(f"{error.name}."):
+            where = f"allowed: module:Factory, importable from {os.getcwd()}"
+            raise ValueError(f"solver {path!r}: {error}; {where}") from error
         raise ValueError(f"solver {path!r}: importing {module_name} failed with {_line(error)}") from error
     target: Any = module
     for part in attribute.split("."):
@@ -133,17 +134,33 @@ def _module_name(solver: Solver) -> str:
 _SCORING = ("tasks.py", "episode.py", "scoring.py")
 
 
+def _sources(package: str) -> list[Path]:
+    """The Python files of a top-level package or module, which is not imported; none if it is not there."""
+    try:
+        spec = importlib.util.find_spec(package)
+    except (ImportError, ValueError):
+        return []
+    if spec is None:
+        return []
+    folders = [Path(folder) for folder in spec.submodule_search_locations or ()]
+    single = [Path(spec.origin)] if spec.origin and not folders and Path(spec.origin).is_file() else []
+    return single + [path for folder in folders for path in folder.rglob("*.py")]
+
+
 def code_version(solver: Solver) -> str:
-    """Version, and 8 hex digits over the sources of world, scoring and solver: other code, other rows."""
+    """Version, and 8 hex digits over the sources of world, scoring and solvers: other code, other rows.
+
+    The packages of all installed solvers count for each of them: a plug-in may well be built on another's.
+    """
     world = Path(sins_env.__file__).parent
     files = [path for path in world.rglob("*.py") if path.parent.name != "evaluation" or path.name in _SCORING]
     find(solver)
     module = sys.modules.get(_module_name(solver))
     source = getattr(module, "__file__", None)
     if module is not None and source:
-        top = sys.modules.get(module.__name__.partition(".")[0])
-        folders = [Path(folder) for folder in getattr(top, "__path__", [])]
-        files += [path for folder in folders for path in folder.rglob("*.py")] or [Path(source)]
+        files += _sources(module.__name__.partition(".")[0]) or [Path(source)]
+    for package in {p.module.partition(".")[0] for p in importlib.metadata.entry_points(group=GROUP)}:
+        files += _sources(package)
     digest = hashlib.sha256()
     for path in sorted(set(files)):
         digest.update(path.name.encode() + path.read_bytes())

@@ -2,7 +2,7 @@
 
 Errors enter as phi (E, N, U) rad of every epoch; what stays per run is a handful of numbers and a history at
 1 Hz. The definitions are those of evaluation.md section 1. A failed epoch (non-finite action) carries the
-worst error that phi can express and so counts in every score.
+worst error that phi can express and so counts in every score. Without a reference every score of an error is NaN.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ STEADY_LEAST_S, STEADY_PART = 60.0, 0.2
 DIVERGED_SIGMAS = 10.0
 DIVERGED_UNKNOWN = np.radians([10.0, 10.0, 90.0])  #: limits E, N, U after an unknown start
 MAX_HISTORY = 21_600  #: 6 h at 1 Hz; longer episodes are kept at a longer interval
+FAILED_EPOCH = "non-finite or zero action"  #: how the reason of a run with failed epochs begins
 STATUSES = ("ok", "diverged", "frozen", "raised", "lost")
 
 
@@ -42,9 +43,10 @@ class Criteria:
     limit: Array  #: (3,) rad beyond which a run has diverged
     hold_s: float
     known_start: bool = True
+    scored: bool = True  #: False for a recording without a reference: there are no errors then
 
     @classmethod
-    def of(cls, task: EvaluationTask, public: types.Task) -> Criteria:
+    def of(cls, task: EvaluationTask, public: types.Task, scored: bool = True) -> Criteria:
         known = public.start is not None
         sigma = np.radians(np.asarray(public.prior.attitude_std_deg, dtype=float))
         return cls(
@@ -55,6 +57,7 @@ class Criteria:
             DIVERGED_SIGMAS * sigma if known else DIVERGED_UNKNOWN,
             task.hold_s,
             known,
+            scored,
         )
 
     @property
@@ -104,13 +107,13 @@ class Records:
     reason: tuple[str, ...]  #: (R,) one line; empty where nothing went wrong
     traceback: tuple[str, ...]  #: (R,)
     repairs: NDArray[np.int64]  #: (R,) covariance repairs
-    t_conv: Array  #: (R, 3) s; inf where censored
+    t_conv: Array  #: (R, 3) s; inf where censored; this and the other errors are NaN where they are not scored
     hold_max: Array  #: (R, 3) largest |error| of the last hold_s
     steady_mean: Array  #: (R, 3)
     steady_std: Array  #: (R, 3)
     steady_rms: Array  #: (R, 3)
     final: Array  #: (R, 3) error at T
-    heading: Array  #: (R,) estimated at T; NaN where there is none
+    heading: Array  #: (R,) estimated at T; NaN where there is none, as in a run that raised
     nees: Array  #: (R, len(NEES_AT)); NaN where the estimator has no covariance, inf where it is none
     step_s: Array  #: (R,) estimator time per run and epoch in its batch, s
     history: NDArray[np.float32]  #: (R, S, 3) at criteria.history_t; NaN once the run has raised
@@ -120,8 +123,18 @@ class Records:
 
     @property
     def aligned_s(self) -> Array:
-        """(R,) when all three errors have converged, s from the start of the fine phase; inf: censored."""
+        """(R,) when all three errors have converged, s from the start of the fine phase; inf: censored, NaN: not scored."""
         return self.t_conv.max(axis=1)
+
+    @property
+    def unfinished(self) -> Bools:
+        """(R,) runs that raised or were lost."""
+        return np.isin(self.status, ("raised", "lost"))
+
+    @property
+    def broken(self) -> Bools:
+        """(R,) runs that raised, were lost, or had a failed epoch: their estimator is at fault, not its accuracy."""
+        return self.unfinished | np.array([text.startswith(FAILED_EPOCH) for text in self.reason], dtype=bool)
 
     def row(self, i: int) -> dict[str, Any]:
         """Every field but ``criteria`` of one run."""
@@ -213,6 +226,12 @@ class Scorer:
         variance = np.maximum(self.squares / count - offset**2, 0.0)
         status, reason = self._verdict()
         blank = ("",) * runs
+        t_conv = np.where(held, start, np.inf)
+        hold_max = np.full_like(self.hold_max, np.inf) if too_short else self.hold_max
+        scores: tuple[Array, ...] = (t_conv, hold_max, mean, np.sqrt(variance), np.sqrt(variance + mean**2), self.final)
+        if not c.scored:
+            scores = (np.full((runs, 3), np.nan),) * len(scores)
+        t_conv, hold_max, mean, std, rms, final = scores
         return Records(
             criteria=c,
             run=np.asarray(run, dtype=np.int64),
@@ -220,24 +239,24 @@ class Scorer:
             reason=given.get("reason", reason),
             traceback=given.get("traceback", blank),
             repairs=np.asarray(given.get("repairs", np.zeros(runs)), dtype=np.int64),
-            t_conv=np.where(held, start, np.inf),
-            hold_max=np.full_like(self.hold_max, np.inf) if too_short else self.hold_max,
+            t_conv=t_conv,
+            hold_max=hold_max,
             steady_mean=mean,
-            steady_std=np.sqrt(variance),
-            steady_rms=np.sqrt(variance + mean**2),
-            final=self.final,
+            steady_std=std,
+            steady_rms=rms,
+            final=final,
             heading=np.asarray(given.get("heading", np.full(runs, np.nan)), dtype=float),
             nees=self.nees,
             step_s=np.asarray(given.get("step_s", np.zeros(runs)), dtype=float),
-            history=self.history,
+            history=self.history if c.scored else np.full_like(self.history, np.nan),
         )
 
     def _verdict(self) -> tuple[NDArray[np.str_], tuple[str, ...]]:
         c, reasons = self.criteria, []
         for failed, diverged in zip(self.failed_at, self.diverged_at, strict=True):
-            axes = [j for j in range(3) if diverged[j] > 0]
+            axes = [j for j in range(3) if diverged[j] > 0 and c.scored]
             if failed > 0:
-                reasons.append(f"non-finite or zero action at {failed * c.epoch_s:.1f} s")
+                reasons.append(f"{FAILED_EPOCH} at {failed * c.epoch_s:.1f} s")
             elif axes:
                 j = min(axes, key=lambda axis: int(diverged[axis]))
                 name, limit = ("east", "north", "azimuth")[j], math.degrees(c.limit[j])

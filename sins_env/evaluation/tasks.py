@@ -1,4 +1,4 @@
-"""Tasks: environment, frozen keyword arguments, thresholds, suite seed; the name holds theversion.
+"""Tasks: environment, frozen keyword arguments, thresholds, suite seed; the name holds the version.
 
 Run seeds derive from the suite seed, the task's name and the run alone, so they depend neither on the number
 of workers nor on the solver: every solver meets the same runs. evaluation.md section 2.
@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import math
+import operator
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -83,11 +84,45 @@ class EvaluationTask:
         return env.reset(seed=seeds, options=options)
 
 
+def is_scored(env: VectorEnv[Any, Any, Any]) -> bool:
+    """Whether the environment knows the truth; a recording without a reference does not."""
+    return bool(env.unwrapped.episode.world.scored)  # type: ignore[attr-defined]
+
+
+def run_numbers(runs: int | Iterable[int]) -> list[int]:
+    """The runs asked for, in order and each once: so many from 0 on, or those given.
+
+    Raises:
+        ValueError: anything but whole numbers, or one that is negative.
+    """
+    allowed = "a whole number, at least 1, or the numbers of the runs wanted, from 0 on"
+    try:
+        if not isinstance(runs, Iterable):
+            count = operator.index(runs)
+            if count < 1:
+                raise ValueError(f"runs = {count}; allowed: {allowed}")
+            return list(range(count))
+        found = sorted({operator.index(run) for run in runs})
+    except TypeError as error:
+        raise ValueError(f"runs = {runs!r}; allowed: {allowed}") from error
+    if not found or found[0] < 0:
+        raise ValueError(f"runs = {found}; allowed: {allowed}")
+    return found
+
+
 def _sequence(task: EvaluationTask, suite_seed: int | None, *key: int) -> np.random.SeedSequence:
-    seed = task.suite_seed if suite_seed is None else suite_seed
+    seed = _seed(task, suite_seed)
+    return np.random.SeedSequence(seed, spawn_key=(zlib.crc32(task.name.encode()), *key))
+
+
+def _seed(task: EvaluationTask, suite_seed: int | None) -> int:
+    try:
+        seed = operator.index(task.suite_seed if suite_seed is None else suite_seed)
+    except TypeError as error:
+        raise ValueError(f"seed = {suite_seed!r}; allowed: a whole number that is not negative") from error
     if seed < 0:
         raise ValueError(f"seed = {seed}; allowed: a whole number that is not negative")
-    return np.random.SeedSequence(seed, spawn_key=(zlib.crc32(task.name.encode()), *key))
+    return seed
 
 
 def run_seed(task: EvaluationTask, run: int, suite_seed: int | None = None) -> int:
@@ -102,7 +137,7 @@ def solver_rng(task: EvaluationTask, solver: str, run: int, suite_seed: int | No
 
 def suite_hash(task: EvaluationTask, suite_seed: int | None = None) -> str:
     """What may be published of a secret suite seed: 16 hex digits of its SHA-256."""
-    seed = task.suite_seed if suite_seed is None else suite_seed
+    seed = _seed(task, suite_seed)
     return hashlib.sha256(f"sins-env suite {seed}".encode()).hexdigest()[:16]
 
 
@@ -155,7 +190,7 @@ _TASKS = (
     ),
     EvaluationTask(
         "sway-markov-v0",
-        "the same with Gauss-Markov errors of gyros and accelerometers, 600 s",
+        "swaying base, told attitude wrong by 1/1/15 deg (1 sigma), Gauss-Markov IMU errors, matched prior, 600 s",
         "000 ch. 3-5",
         _SWAY,
         delta_azimuth_deg=1.6,
@@ -170,7 +205,7 @@ _TASKS = (
     ),
     EvaluationTask(
         "sway-told-wrong-v0",
-        "told the prior of 000 section 2.5.4 and R = (0.1 m/s)^2 while the GPS is 0.01 m/s, 360 s",
+        "swaying base, told the prior of 000 section 2.5.4 and R = (0.1 m/s)^2 while the GPS is 0.01 m/s, 360 s",
         "equations.md L",
         _SWAY,
         delta_azimuth_deg=0.6,

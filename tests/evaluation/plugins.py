@@ -1,5 +1,7 @@
 """Small estimators, good and bad, for the tests. As plug-ins may, they import nothing of the evaluation."""
 
+import dataclasses
+import multiprocessing
 import os
 import signal
 import time
@@ -7,6 +9,7 @@ import time
 import numpy as np
 
 from sins_env import attitude
+from sins_env.types import NavState
 
 EARTH_RATE = 7.292115e-5
 
@@ -32,6 +35,18 @@ class DeadReckoning:
 
     def covariance(self):
         return np.broadcast_to(np.diag(np.radians([1.0, 1.0, 15.0]) ** 2), (*self.q.shape[:-1], 3, 3)).copy()
+
+
+class Told:
+    """The told attitude for ever: the cheapest estimator there is."""
+
+    batched = True
+
+    def reset(self, task, rng, num_runs=1):
+        self.q = task.start.q_nb
+
+    def step(self, obs):
+        return self.q
 
 
 class OneByOne(DeadReckoning):
@@ -74,12 +89,25 @@ class At(DeadReckoning):
             raise KeyboardInterrupt
         if self.how == "kill":
             os.kill(os.getpid(), signal.SIGKILL)
+        if self.how == "leave":
+            os._exit(3)
         if self.how == "shape":
             return q[..., :3]
         if self.how == "text":
             return "no idea"
         q[hit if q.ndim == 2 else ...] = {"nan": np.nan, "zero": 0.0}[self.how]
         return q
+
+
+class UnknownAt(At):
+    """The same in every run, after an unknown start, at the last epoch."""
+
+    def __init__(self, how):
+        super().__init__(how=how)
+
+    def reset(self, task, rng, num_runs=1):
+        super().reset(task, rng, num_runs)
+        self.epoch, self.task = task.num_epochs, dataclasses.replace(task, start=NavState(self.q, None, None))
 
 
 class DiesOnce(DeadReckoning):
@@ -97,13 +125,31 @@ class DiesOnce(DeadReckoning):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
+class Lost(DeadReckoning):
+    """Never a good attitude: upside down."""
+
+    def step(self, obs):
+        return attitude.multiply(super().step(obs), np.array([0.0, 1.0, 0.0, 0.0]))
+
+
 class Slow(DeadReckoning):
-    def __init__(self, seconds=0.05):
-        self.seconds = seconds
+    def __init__(self, seconds=0.05, last=None):
+        self.seconds, self.last = seconds, last
 
     def step(self, obs):
         time.sleep(self.seconds)
+        if self.k == self.last:
+            raise ArithmeticError("too late")
         return super().step(obs)
+
+
+class TellsProcess(DeadReckoning):
+    """Ends a process that is no worker."""
+
+    def reset(self, task, rng, num_runs=1):
+        super().reset(task, rng, num_runs)
+        if multiprocessing.parent_process() is None:
+            os._exit(4)
 
 
 class BadReset(DeadReckoning):

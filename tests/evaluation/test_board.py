@@ -12,8 +12,9 @@ from rich.console import Console
 
 from sins_env.evaluation import board, plots
 from sins_env.evaluation.cost import Cost
-from sins_env.evaluation.metrics import Nees
+from sins_env.evaluation.metrics import Nees, nees_band
 from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.outcome import save_figure
 from sins_env.evaluation.scoring import Criteria, score
 from sins_env.evaluation.tasks import get_task
 from sins_env.specs import ARCSEC
@@ -120,13 +121,42 @@ def test_angle_and_seconds():
 
 def test_figures(tmp_path):
     found = [results("a", 800), results("b", 900, runs=1), results("c", 5e4, task=get_task("rlg-car-v0"))]
-    plots.save(plots.error_figure(found), tmp_path / "e.png")
+    save_figure(plots.error_figure(found), tmp_path / "e.png")
     assert (tmp_path / "e.png").stat().st_size > 20_000
     figure = plots.error_figure(found)
     assert len(figure.subfigs) == 2
     labels = [text.get_text() for text in figure.subfigs[0].legends[0].get_texts()]
     assert sorted(labels[:2]) == ["a", "b"]
     assert labels[2].startswith("threshold")
+
+
+def test_nees_bands_of_the_footer_are_those_of_the_lines():
+    def with_nees(one, known):
+        nees = np.where(np.arange(len(one.records))[:, None] < known, 3.0, np.nan) * np.ones(4)
+        return dataclasses.replace(one, records=dataclasses.replace(one.records, nees=nees))
+
+    none, few, many = results("a", 700, runs=9), results("b", 800, runs=12), results("c", 900)
+    text = text_of(board.table([none, with_nees(few, 10), with_nees(many, 50)], 200), 200)
+    low, high = nees_band(10)
+    assert f"95 % band {low / 3:.2f}–{high / 3:.2f} for 10 runs, " in text
+    low, high = nees_band(50)
+    assert f"{low / 3:.2f}–{high / 3:.2f} for 50 runs.\n" in " ".join(text.split(" ")).replace(" \n", "\n")
+
+
+def test_spread_says_of_how_many_runs():
+    one = results("a", 800, runs=7, task=get_task("rlg-car-v0"))
+    heading = np.radians(np.arange(7.0))
+    whole = dataclasses.replace(one, records=dataclasses.replace(one.records, heading=heading))
+    status = np.array(["ok"] * 5 + ["raised", "lost"])
+    part = dataclasses.replace(one, records=dataclasses.replace(whole.records, status=status))
+    assert whole.summary.spread_runs == 7
+    assert part.summary.spread_runs == 5  # whatever heading the record of a failed run may hold
+    assert part.summary.spread_deg == pytest.approx(math.sqrt(2.5))
+    assert "of 5" in text_of(board.table([part], 120), 120)
+    assert "of 5" in board.as_markdown([part])
+    assert "of 7\n" not in board.as_markdown([whole])
+    (row,) = csv.DictReader(io.StringIO(board.as_csv([part])))
+    assert row["spread_runs"] == "5"
 
 
 def test_nees_inside():
@@ -142,3 +172,63 @@ def test_a_narrow_terminal_gets_no_broken_intervals():
     assert f"{low:.0f}–{high:.0f}" in text
     assert f"{found[0].summary.rms_ci['E'][0]:.1f}–" not in text
     assert f"{found[0].summary.rms_ci['E'][0]:.1f}–" in text_of(board.table(found, 100), 100)
+
+
+RLG = get_task("rlg-car-v0")
+
+
+def diverged(one, count):
+    status = np.array(["diverged"] * count + ["ok"] * (len(one.records) - count))
+    return dataclasses.replace(one, records=dataclasses.replace(one.records, status=status))
+
+
+def with_headings(one):
+    heading = np.radians(np.linspace(10, 10.123, len(one.records)))
+    return dataclasses.replace(one, records=dataclasses.replace(one.records, heading=heading))
+
+
+WORDS = {  # what must be found whole, in boards of every width
+    "rlg": [
+        *(with_headings(results(name, 12345, runs=7, task=RLG, seed=i)) for i, name in enumerate(("ckf", "ukf"))),
+        with_headings(results("filterpy_ukf", 25.6, runs=7, task=RLG, model="thesis")),
+        diverged(with_headings(results("coarse_inertial", 6e5, runs=7, task=RLG)), 7),
+        with_headings(results("some.package.of.mine:CleverAligner", 300, runs=7, task=RLG)),
+    ],
+    "sway": [
+        results("filterpy_ukf", 829, runs=100),
+        diverged(results("coarse_inertial", 648000, runs=100), 100),
+        results("ekf", 25.6, runs=100, model="thesis", weights=[0.123456789, 0.23456789]),
+    ],
+}
+
+
+@pytest.mark.parametrize("kind", WORDS)
+@pytest.mark.parametrize("width", [66, 72, 80, 90, 100, 120])
+def test_no_number_and_no_word_is_broken(kind, width):
+    found = WORDS[kind]
+    text = text_of(board.table(found, width), width)
+    lines = text.splitlines()
+    assert max(len(line) for line in lines) <= width
+    tokens = set(text.split())
+    for one in found:
+        s = one.summary
+        expected = {board.angle(s.rms["U"]), *board.angle_interval(s.rms_ci["U"]).split(), "model=thesis"}
+        expected |= {board.number(s.spread_deg)} if kind == "rlg" else {"NEES"} & tokens
+        assert expected <= tokens, (expected - tokens, text)
+        assert one.solver.rpartition(":")[2] in tokens
+    if width >= 80:
+        assert f"{7 if kind == 'rlg' else 100} diverged" in text
+    table_lines = lines[: next(i for i, line in enumerate(lines) if line.startswith("aligned:"))]
+    assert not any("…" in line for line in table_lines if "weights" not in line)
+    head, said = text.partition("─")[0], " ".join(text.partition("Left out in")[2].split())
+    for part, heading in (("cost", "/ ckf"), ("east and north", "east"), ("median time", "median")):
+        assert (heading not in head) == (part in said.replace("intervals of east and north", "")), said
+    assert said or width > 80
+    assert not said or width < 120
+
+
+def test_names_fold_at_dots_and_colons_only():
+    one = results("package.module.with.a.long.path:AnEstimatorWithALongName", 3e5)
+    text = board._label(one, 1, 24).plain.splitlines()
+    assert text == ["AnEstimatorWithALongName", "package.module.with.a.", "long.path"]
+    assert board._longest(one) == 24

@@ -1,5 +1,6 @@
 """Every verb; wrong use is exit code 2 and one line with the nearest name, a failed run is 1, Ctrl-C 130."""
 
+import dataclasses
 import json
 import os
 import signal
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from sins_env.evaluation import registry
+from sins_env.evaluation import listing, registry, tasks
 from sins_env.evaluation.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -113,6 +114,66 @@ def test_run(cli, short, tmp_path):
     assert (tmp_path / "run.png").stat().st_size > 20_000
 
 
+@pytest.mark.parametrize(
+    ("solver", "settings", "reason"),
+    [
+        ("At", {"how": '"nan"'}, "non-finite or zero action at 0.5 s"),
+        ("At", {"how": '"zero"', "epoch": 200}, "non-finite or zero action at 20.0 s"),
+        ("Ailing", {}, "the estimator gave up at 2.0 s"),
+    ],
+)
+def test_run_with_failed_epochs_or_frozen_exits_with_1(cli, short, solver, settings, reason):
+    given = [part for name, value in settings.items() for part in ("--set", f"{name}={value}")]
+    code, out, err = cli("run", "short-v0", PLUGIN + solver, *given)
+    assert code == 1
+    assert "at the end" in out  # the table is there all the same
+    assert err == [f"sins-env: {PLUGIN}{solver} on short-v0, run 0: {reason}"]
+
+
+def test_exit_codes_of_eval(cli, short, monkeypatch):
+    """A failed epoch is a failed run; one that the solver gave up, or that diverged, is a result."""
+    code, _, err = cli(*evaluation("--set", 'how="nan"', solver=PLUGIN + "At", runs=2))
+    assert code == 1
+    assert err[0].endswith("run 0: non-finite or zero action at 0.5 s")
+    assert cli(*evaluation(solver=PLUGIN + "Ailing", runs=2))[::2] == (0, [])
+    far = dataclasses.replace(short, name="far-v0", kwargs={**short.kwargs, "start": "unknown", "coarse": 2.0})
+    monkeypatch.setitem(tasks.TASKS, "far-v0", far)
+    code, out, err = cli("eval", "--task", "far-v0", "--solver", PLUGIN + "Lost", "--runs", 2, "--workers", 1)
+    assert "2 diverged" in out
+    assert (code, err) == (0, [])
+    for verb in ("run", "eval"):
+        assert "Exit code 1: " in " ".join(cli(verb, "--help")[1].split())
+
+
+def test_a_solver_that_ends_its_process_costs_only_its_runs(tmp_path):
+    """Its cost is not measured either: that would end whoever measures it."""
+    given = ("eval", "--task", "short-v0", "--runs", 2, "--chunk", 1, "--workers", 2)
+    process = spawn(*given, "--solver", PLUGIN + "At", "--set", 'how="leave"', cwd=tmp_path)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "2 lost" in out
+    assert "died twice" in err
+    assert "its cost was not measured" in err
+
+
+def test_the_board_of_the_makefile(tmp_path):
+    """`make board`, with few runs and a suite of its own."""
+    pytest.importorskip("solvers")
+    (line,) = [line for line in (ROOT / "Makefile").read_text().splitlines() if "sins-env eval" in line]
+    words = line.split()[1:]
+    words[words.index("--runs") + 1] = "3"
+    process = spawn(*words, cwd=tmp_path)
+    out, err = process.communicate(timeout=100)
+    assert process.returncode == 0, err
+    assert err.splitlines()[-1] == "figure: board.png"
+    for part in ("sway-white-v0", "azimuth", "95 % band", *words[words.index("--solver") + 1 : words.index("--runs")]):
+        assert part in out
+    assert words[words.index("--solver") + 1 : words.index("--runs")] == ["kf", "ekf", "ukf", "ckf"]
+    assert (tmp_path / "board.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "board.png").stat().st_size > 30_000
+    assert count(tmp_path / "results.sqlite") == 12
+
+
 def test_run_that_raises(cli, short):
     given = ("run", "short-v0", PLUGIN + "At", "--set", "epoch=7")
     code, out, err = cli(*given)
@@ -207,8 +268,29 @@ def test_bench(cli, monkeypatch):
     code, out, err = cli("bench", GOOD, "--runs", 4, 1)
     assert (code, err) == (0, [])
     assert out.count("whole chain") == 2
-    code, _, err = cli("bench", PLUGIN + "OneByOne", "--runs", 4)
+    code, out, err = cli("bench", PLUGIN + "OneByOne", "--runs", 4, 1)
+    assert (code, err) == (0, [f"{PLUGIN}OneByOne takes one run at a time: 1 run instead of 4"])
+    assert out.count("whole chain") == 1
+    code, out, err = cli("bench", PLUGIN + "BadReset", "--runs", 1)
+    assert (code, out) == (1, "")
+    assert err == [f"sins-env: {PLUGIN}BadReset on sway-white-v0: reset raised RuntimeError: no memory left"]
+
+
+@pytest.mark.parametrize("recorded", ["rlg_parked_car.npz"], indirect=True)
+def test_bench_of_a_recording_has_its_windows_only(cli, monkeypatch, recorded):
+    from sins_env.evaluation import bench
+
+    monkeypatch.setattr(bench, "SECONDS", 0.05)
+    code, out, err = cli("bench", GOOD, "--task", "rlg-car-v0")
+    assert (code, err) == (0, ["rlg-car-v0: 7 runs instead of 256, the windows of its recording"])
+    assert [line.split()[2] for line in out.splitlines() if "whole chain" in line] == ["7", "1"]
+
+
+def test_bench_of_a_task_that_is_too_short(cli, short, monkeypatch):
+    monkeypatch.setitem(tasks.TASKS, "s", dataclasses.replace(short, kwargs={**short.kwargs, "duration": 3.0}))
+    code, _, err = cli("bench", GOOD, "--task", "s", "--runs", 1)
     assert (code, len(err)) == (2, 1)
+    assert "too short to be timed" in err[0]
 
 
 @pytest.mark.parametrize(
@@ -264,6 +346,39 @@ def test_names_of_installed_solvers(cli, monkeypatch):
     assert "did you mean 'dead'?" in cli("run", "sway-white-v0", "deat")[2][0]
     assert "cannot be loaded" in cli("check", "gone")[2][0]
     assert registry.code_version("dead") == registry.code_version(GOOD)
+
+
+def test_an_edit_of_installed_solvers_makes_every_row_stale(tmp_path, monkeypatch):
+    """A plug-in may be built on another package's solver."""
+    from importlib.metadata import EntryPoint
+
+    package = tmp_path / "somebodys"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "zoo.py").write_text("raise RuntimeError('never imported')")
+    monkeypatch.syspath_prepend(tmp_path)
+    points = [EntryPoint("theirs", "somebodys.zoo:X", registry.GROUP), EntryPoint("gone", "nowhere:X", registry.GROUP)]
+    monkeypatch.setattr(registry.importlib.metadata, "entry_points", lambda group: points)
+    before = registry.code_version(GOOD)
+    assert registry.code_version(GOOD) == before
+    (package / "zoo.py").write_text("raise RuntimeError('never imported!')")
+    assert registry.code_version(GOOD) != before
+    monkeypatch.undo()
+    assert any(path.name == "ckf.py" for path in registry._sources("solvers"))
+
+
+def test_descriptions_are_whole_sentences(cli, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    _, out, _ = cli("list")
+    assert "see ReplaySettings" not in out
+    assert "a real recording, delivered epoch by epoch like a simulation." in out
+    assert "the swaying base of 000 section 2.5.1." in out
+    assert "swaying base, told attitude wrong by 1/1/15 deg (1 sigma), Gauss-Markov IMU errors" in out
+    assert listing._summary("First: with ``a: b`` in it, e.g. this. Second.") == "First: with a: b in it, e.g. this."
+    for task in tasks.TASKS.values():
+        assert "the same" not in task.what
+    _, _, err = cli("describe", "prefect")
+    assert err[0].count("perfect") == 2  # offered once, listed once
 
 
 def test_process_pipe_and_piped_reader(tmp_path):

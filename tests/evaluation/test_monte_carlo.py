@@ -5,6 +5,9 @@ import math
 import os
 import re
 import signal
+import sys
+import time
+import types
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +17,7 @@ import pytest
 from evaluation import plugins
 
 from sins_env import attitude
-from sins_env.evaluation import Results, evaluate, get_task, run_episode
+from sins_env.evaluation import Results, evaluate, get_task, registry, run_episode
 from sins_env.evaluation.executors import Processes
 from sins_env.evaluation.monte_carlo import chunks
 from sins_env.evaluation.scoring import Records
@@ -205,6 +208,117 @@ def test_solver_as_a_class_and_cost(short):
     assert evaluate(short, plugins.BadReset, 1, workers=1).cost is None
 
 
+def test_cost_is_measured_in_a_worker_where_there_are_some(short):
+    """It must not end this process; where a run was lost it is not measured at all."""
+    with Processes(1) as processes:
+        found = evaluate(short, HERE + "TellsProcess", 1, executor=processes)
+        assert found.cost.median_us > 0
+        assert processes.call(os.getpid) != os.getpid()
+        assert processes.call(os._exit, 3) is None
+        assert isinstance(processes.call(os.getpid), int)  # a new worker
+        gone = evaluate(short, HERE + "At", 1, executor=processes, settings={"how": "leave"})
+    assert gone.cost is None
+    assert list(gone.records.status) == ["lost"]
+    monte = evaluate(short, HERE + "At", 1, executor=_LosesAll(), settings={"how": "leave"})  # would end pytest
+    assert monte.cost is None
+
+
+class _LosesAll:
+    def run(self, jobs, progress):
+        yield from ((job, None) for job in jobs)
+
+
+def test_close_ends_every_worker(short):
+    processes = Processes(2)
+    run(short, "DeadReckoning", 4, chunk=1, executor=processes)
+    started = list(processes._context.started)
+    assert len(started) == 2
+    assert all(process.is_alive() for process in started)
+    processes.close()
+    assert not any(process.is_alive() for process in started)
+
+
+def test_close_ends_a_worker_that_is_stuck(short):
+    processes = Processes(1)
+
+    def stop(done, total):
+        if processes._context.started:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(short, "Slow", 1, executor=processes, settings={"seconds": 60}, progress=stop)
+    (started,) = processes._context.started
+    begin = time.monotonic()
+    processes.close()
+    started.join(5)
+    assert not started.is_alive()
+    assert time.monotonic() - begin < 10
+
+
+def test_dask_client_is_closed(short, monkeypatch):
+    """With a stand-in for the package: a client is a context manager with an executor."""
+    events = []
+
+    class Client:
+        def __init__(self, n_workers, threads_per_worker):
+            events.append(n_workers)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            events.append("closed")
+
+        def get_executor(self):
+            return ThreadPoolExecutor(1)
+
+    monkeypatch.setitem(sys.modules, "distributed", types.SimpleNamespace(Client=Client))
+    assert len(run(short, "DeadReckoning", 2, executor="dask", workers=3).records) == 2
+    with pytest.raises(KeyboardInterrupt):
+        run(short, "At", 1, executor="dask", workers=3, settings={"how": "interrupt"})
+    assert events == [3, "closed", 3, "closed"]
+
+
+def test_numbers_of_any_kind(short, healthy):
+    two = run(short, "DeadReckoning", np.int64(2), seed=np.int64(0)).records
+    assert_same(two, only(healthy, 0, 1))
+    assert_same(run(short, "DeadReckoning", np.array([3, 1, 3])).records, only(healthy, 1, 3))
+    course = run_episode("short-v0", HERE + "DeadReckoning", run=np.int64(3))
+    np.testing.assert_allclose(course.phi[-1], healthy.final[3], rtol=1e-9)
+    for bad in (-1, 1.5, "1"):
+        with pytest.raises(ValueError, match=re.escape(f"runs = [{bad!r}]")):
+            run_episode("short-v0", HERE + "DeadReckoning", run=bad)
+    with pytest.raises(ValueError, match="did you mean 'short-v0'"):
+        run_episode("shrt-v0", HERE + "DeadReckoning")
+
+
+def test_a_run_that_raised_has_no_heading(short, start_of):
+    """Its last action is none at T; its time per epoch is that of the epochs it took."""
+    found = run(short, "At", 3, settings={"q": start_of(1), "epoch": 51, "batched": False})
+    np.testing.assert_array_equal(np.isnan(found.records.heading), [False, True, False])
+    assert found.summary.spread_runs == 2
+    assert found.summary.spread_deg > 0
+    slow = run(short, "Slow", 1, settings={"seconds": 2e-3, "last": 50}).records
+    assert slow.status[0] == "raised"
+    assert 2e-3 < slow.step_s[0] < 4e-3
+
+
+def test_a_module_that_cannot_be_imported_says_why(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "needs_more.py").write_text("import nosuchpkg\n")
+    (tmp_path / "in_folder").mkdir()
+    (tmp_path / "in_folder" / "__init__.py").write_text("import in_folder_too\n")
+    for name, part in (
+        ("needs_more:X", "importing needs_more failed with ModuleNotFoundError: No module named 'nosuchpkg'"),
+        ("in_folder.a:X", "importing in_folder.a failed with ModuleNotFoundError: No module named 'in_folder_too'"),
+        ("nosuchpkg.a:X", "No module named 'nosuchpkg'; allowed: module:Factory, importable from"),
+        ("evaluation.nope:X", "No module named 'evaluation.nope'; allowed: module:Factory, importable from"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(f"solver {name!r}: {part}")):
+            registry.find(name)
+
+
 def test_chunks():
     assert [len(part) for part in chunks(range(100))] == [50, 50]
     assert [len(part) for part in chunks(range(1000))] == [125] * 8
@@ -236,7 +350,13 @@ def test_run_episode(short, healthy):
         ({"solver": HERE + "with_setting", "settings": {"gain": -1}}, "gain = -1; allowed: not negative"),
         ({"task": "sway-whit-v0"}, "did you mean 'sway-white-v0'"),
         ({"runs": 0}, "runs = 0"),
-        ({"runs": [-1]}, "runs = 0"),
+        ({"runs": [-1, 2]}, "runs = [-1, 2]; allowed: a whole number, at least 1, or the numbers of the runs"),
+        ({"runs": []}, "runs = []; allowed"),
+        ({"runs": 2.5}, "runs = 2.5; allowed"),
+        ({"runs": [0.5]}, "runs = [0.5]; allowed"),
+        ({"runs": "12"}, "runs = '12'; allowed"),
+        ({"seed": "a"}, "seed = 'a'; allowed: a whole number"),
+        ({"seed": 1.5}, "seed = 1.5; allowed: a whole number"),
         ({"chunk": 0}, "chunk = 0"),
         ({"workers": 0}, "workers = 0"),
         ({"executor": "proceses"}, "did you mean 'processes'"),
