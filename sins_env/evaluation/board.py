@@ -1,4 +1,4 @@
-"""The ranked table: in the terminal, as Markdown, CSV and JSON.
+"""The ranked table: its order, and its forms as Markdown, CSV and JSON (terminal.py draws it).
 
 A solver's rank is one more than the number of solvers whose azimuth RMS is better with disjoint intervals,
 so that ranks tie where intervals overlap. That comparison is unpaired; all solvers meet the same runs, and
@@ -11,16 +11,8 @@ import csv
 import io
 import json
 import math
-import re
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from typing import Any
-
-from rich import box
-from rich.console import Console, Group, RenderableType
-from rich.measure import Measurement
-from rich.table import Table
-from rich.text import Text
 
 from sins_env.evaluation.metrics import Interval, Summary
 from sins_env.evaluation.monte_carlo import Results
@@ -90,165 +82,20 @@ def nees_text(summary: Summary) -> tuple[str, bool | None]:
     return ("inf" if math.isinf(last.mean) else number(last.mean / 3)), last.inside
 
 
-@dataclass(frozen=True)
-class _Column:
-    """A column of the terminal's table."""
-
-    heading: str
-    cell: Callable[[int, Results], RenderableType]  #: of rank and results
-    part: str = ""  #: by which it is left out where the terminal is narrow
-
-
-MOST_NAME, MOST_SETTING = 60, 24  #: characters of a line below "solver", and of a setting
-#: What a narrow terminal does without, in this order, until the table fits.
-_LESS = ("intervals of east and north", "cost", "east and north", "NEES", "median time", "failures")
-
-
-def table(results: Sequence[Results], width: int = 100) -> RenderableType:
-    """One task's solvers for a terminal of ``width`` columns: a value, and its 95 % interval on the line below.
-
-    Numbers and words are never broken. Where room is short, solvers fold at '.' and ':', then columns are left out,
-    and the lines below the table say which.
-    """
-    task, lines = results[0].task, ranked(results)
-    order = [part for part in _LESS if part != "NEES" or any(one.summary.nees for one in results)]
-    for less in range(len(order) + 1):
-        found, room = _table(lines, _columns(results, order[:less]), width)
-        if room >= max(_longest(one) for _, one in lines):
-            break
-    title = Text.assemble((task.name, "bold"), f"  {task.what}")
-    notes = _footer(results)
-    if less:
-        left_out = ", ".join(_said(order[:less]))
-        notes += f"\nLeft out in {width} columns: {left_out}; a wider terminal or board --md shows all."
-    return Group(title, found, Text(notes, style="dim"))
-
-
-def _said(parts: Sequence[str]) -> list[str]:
-    return [part for part in parts if not (part.startswith("intervals") and "east and north" in parts)]
-
-
-def _columns(results: Sequence[Results], less: Sequence[str]) -> list[_Column]:
-    """Those right of the solver."""
-    level_ci = _LESS[0] not in less
-
-    def rms(axis: str, interval: bool = True) -> Callable[[int, Results], RenderableType]:
-        def cell(_: int, one: Results) -> RenderableType:
-            s = one.summary
-            return _stacked(angle(s.rms[axis]), angle_interval(s.rms_ci[axis]) if interval else "")
-
-        return cell
-
-    def time(_: int, one: Results) -> RenderableType:
-        return _stacked(seconds(one.summary.t_conv_median_s), seconds_interval(one.summary.t_conv_ci_s))
-
-    out = [
-        _Column("runs\naligned", lambda _, one: _success(one.summary)),
-        _Column("median\ntime, s", time, "median time"),
-        _Column('azimuth\nRMS, "', rms("U")),
-        _Column('east\nRMS, "', rms("E", level_ci), "east and north"),
-        _Column('north\nRMS, "', rms("N", level_ci), "east and north"),
-        _Column("NEES\n/ 3", lambda _, one: _nees(one.summary), "NEES"),
-        _Column("failed", lambda _, one: _failures(one.summary), "failures"),
-        _Column("cost\n/ ckf", lambda _, one: Text(cost_text(one)), "cost"),
-        _Column("heading\nspread, °", lambda _, one: _stacked(*_spread(one.summary))),
-    ]
-    absent = set(less) | ({"NEES"} if not any(one.summary.nees for one in results) else set())
-    return [c for c in out if c.part not in absent and (results[0].task.windows or not c.heading.startswith("heading"))]
-
-
-def _table(lines: Sequence[tuple[int, Results]], columns: Sequence[_Column], width: int) -> tuple[Table, int]:
-    """The table, and how wide the names of the solvers may be in it."""
-
-    def build(room: int) -> Table:
-        out = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), collapse_padding=True)
-        out.add_column("#", justify="right", no_wrap=True)
-        out.add_column("solver", overflow="fold")
-        for column in columns:
-            out.add_column(column.heading, justify="right", no_wrap=True)
-        for rank, one in lines:
-            place = Text(str(rank) if one.summary.scored else "-", style="bold green" if _wins(rank, one) else "")
-            out.add_row(place, _label(one, rank, room), *(column.cell(rank, one) for column in columns))
-        return out
-
-    console = Console(width=10_000, color_system=None)
-    whole = Measurement.get(console, console.options, build(MOST_NAME)).maximum
-    room = width - (whole - max(_longest(one, fold=False) for _, one in lines))
-    return build(max(min(room, MOST_NAME), 1)), room
-
-
-def _wins(rank: int, one: Results) -> bool:
-    return rank == 1 and one.summary.scored
-
-
-def _label(one: Results, rank: int, room: int) -> Text:
-    """Name, module and settings, folded at '.' and ':' to lines of ``room`` characters."""
-    module, _, name = one.solver.rpartition(":")
-    text = Text("\n".join(_folded(name, room)), style="bold" if _wins(rank, one) else "")
-    for part in ([module] if module else []) + _settings(one):
-        text.append("\n" + "\n".join(_folded(part, room)), style="dim")
-    return text
-
-
-def _settings(one: Results) -> list[str]:
-    """A line each; a long value is cut."""
-    lines = [f"{name}={value}" for name, value in sorted(one.settings.items())]
-    return [line if len(line) <= MOST_SETTING else line[: MOST_SETTING - 1] + "…" for line in lines]
-
-
-def _pieces(text: str) -> list[str]:
-    """What may not be broken: parts between '.' and ':', each with its mark; a setting stays whole."""
-    return [text] if "=" in text else re.findall(r"[^.:]*[.:]+|[^.:]+", text)
-
-
-def _folded(text: str, room: int) -> list[str]:
-    lines = [""]
-    for piece in _pieces(text):
-        if lines[-1] and len(lines[-1] + piece) > room:
-            lines.append("")
-        lines[-1] += piece
-    return lines
-
-
-def _longest(one: Results, fold: bool = True) -> int:
-    """Characters of the longest line below "solver", as narrow as it can be folded (or as wide as allowed)."""
-    module, _, name = one.solver.rpartition(":")
-    parts = [name, *([module] if module else []), *_settings(one), "solver"]
-    return max(len(line) for part in parts for line in (_pieces(part) if fold else _folded(part, MOST_NAME)))
-
-
 def cost_text(one: Results) -> str:
     return number(one.cost.ratio, 2) if one.cost and one.cost.ratio is not None else "-"
 
 
-def _spread(s: Summary) -> tuple[str, str]:
+def spread_text(s: Summary) -> tuple[str, str]:
     """Spread of the heading in degrees, and of how many runs where some have none."""
     return number(s.spread_deg), f"of {s.spread_runs}" if s.spread_runs < s.runs else ""
-
-
-def _failures(s: Summary) -> Text:
-    return Text(failure_text(s).replace(", ", "\n"), style="red" if s.failures else "dim")
 
 
 def success_text(s: Summary) -> str:
     return f"{100 * s.success:.0f} %" if s.scored else "-"
 
 
-def _success(s: Summary) -> Text:
-    style = "" if not s.scored else "green" if s.success >= 0.95 else "yellow" if s.success >= 0.5 else "red"
-    return Text.assemble((success_text(s), style), (f"\nof {s.runs}", "dim"))
-
-
-def _stacked(value: str, below: str) -> Text:
-    return Text.assemble(value, ("\n" + below, "dim")) if below else Text(value)
-
-
-def _nees(s: Summary) -> Text:
-    text, inside = nees_text(s)
-    return Text(text, style="" if inside is None else "green" if inside else "yellow")
-
-
-def _footer(results: Sequence[Results]) -> str:
+def footer(results: Sequence[Results]) -> str:
     task, s = results[0].task, results[0].summary
     if not s.scored:
         lines = ["The recording has no reference: errors are not scored and nothing is ranked."]
@@ -367,9 +214,9 @@ def as_markdown(results: Iterable[Results]) -> str:
             text, inside = nees_text(s)
             cells += [text + (" (outside)" if inside is False else ""), failure_text(s)]
             cells += [cost_text(one)]
-            rows.append(cells + ([" ".join(_spread(s)).strip()] if group[0].task.windows else []))
+            rows.append(cells + ([" ".join(spread_text(s)).strip()] if group[0].task.windows else []))
         body = "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)
-        parts.append(f"### {name}\n\n{group[0].task.what}\n\n{body}\n\n{_footer(group)}\n")
+        parts.append(f"### {name}\n\n{group[0].task.what}\n\n{body}\n\n{footer(group)}\n")
     return "\n".join(parts)
 
 

@@ -15,7 +15,7 @@ from rich.text import Text
 from sins_env.errors import unknown
 from sins_env.evaluation import bench as speed
 from sins_env.evaluation import board as boards
-from sins_env.evaluation import monte_carlo, plots, registry
+from sins_env.evaluation import monte_carlo, plots, registry, terminal
 from sins_env.evaluation.check import Check, check_estimator
 from sins_env.evaluation.episode import EstimatorError, run_episode
 from sins_env.evaluation.executors import runner
@@ -123,7 +123,7 @@ def evaluate(given: Namespace, console: Console) -> int:
         _evaluate_all(given, store, todo, settings)
         results = [store.results(key, range(given.runs)) for key in keys]
     for group in boards.by_task(results).values():
-        console.print(boards.table(group, console.width))
+        console.print(terminal.table(group, console.width))
     if given.plot:
         save_figure(plots.error_figure(results), given.plot)
     bad = [one for one in results if one.records.broken.any()]
@@ -186,7 +186,7 @@ def board(given: Namespace, console: Console) -> int:
         remark(f"{given.db}: no results yet")
     else:
         for group in boards.by_task(results).values():
-            console.print(boards.table(group, console.width))
+            console.print(terminal.table(group, console.width))
     if given.plot and results:
         save_figure(plots.error_figure(results), given.plot)
     return 0

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from sins_env.evaluation import board, plots
+from sins_env.evaluation import board, plots, terminal
 from sins_env.evaluation.cost import Cost
 from sins_env.evaluation.metrics import Nees, nees_band
 from sins_env.evaluation.monte_carlo import Results
@@ -69,7 +69,7 @@ def test_every_form_says_the_same():
     assert float(row["success"]) == s.success
     assert float(row["cost_ratio"]) == 1.25
     assert row["nees_over_3"] == ""
-    for text in (board.as_markdown([one]), text_of(board.table([one]))):
+    for text in (board.as_markdown([one]), text_of(terminal.table([one]))):
         assert f"{s.rms['U']:.0f}" in text
         assert f"{s.rms_ci['U'][0]:.0f}–{s.rms_ci['U'][1]:.0f}" in text
         assert f"{100 * s.success:.0f} %" in text
@@ -84,11 +84,11 @@ def test_failures_and_nees_are_shown():
     one = dataclasses.replace(one, records=records)
     assert board.failure_text(one.summary) == "2 diverged, 1 raised, 2 repaired"
     assert one.summary.failures == 4
-    text = text_of(board.table([one]))
+    text = text_of(terminal.table([one]))
     for part in ("2 diverged", "1 raised", "2 repaired", "10.0", "worst error"):
         assert part in text
     assert "10.0 (outside)" in board.as_markdown([one])
-    assert "NEES" not in text_of(board.table([results("ckf", 800)]))
+    assert "NEES" not in text_of(terminal.table([results("ckf", 800)]))
 
 
 def test_table_fits_in_100_columns_with_long_names():
@@ -96,7 +96,7 @@ def test_table_fits_in_100_columns_with_long_names():
         results("package.module.with.a.long.path:AnEstimatorWithALongName", 3e5, horizon=1000.0),
         results("b", 8e4),
     ]
-    text = text_of(board.table(found))
+    text = text_of(terminal.table(found))
     assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
     assert "…" not in text
 
@@ -136,7 +136,7 @@ def test_nees_bands_of_the_footer_are_those_of_the_lines():
         return dataclasses.replace(one, records=dataclasses.replace(one.records, nees=nees))
 
     none, few, many = results("a", 700, runs=9), results("b", 800, runs=12), results("c", 900)
-    text = text_of(board.table([none, with_nees(few, 10), with_nees(many, 50)], 200), 200)
+    text = text_of(terminal.table([none, with_nees(few, 10), with_nees(many, 50)], 200), 200)
     low, high = nees_band(10)
     assert f"95 % band {low / 3:.2f}–{high / 3:.2f} for 10 runs, " in text
     low, high = nees_band(50)
@@ -152,7 +152,7 @@ def test_spread_says_of_how_many_runs():
     assert whole.summary.spread_runs == 7
     assert part.summary.spread_runs == 5  # whatever heading the record of a failed run may hold
     assert part.summary.spread_deg == pytest.approx(math.sqrt(2.5))
-    assert "of 5" in text_of(board.table([part], 120), 120)
+    assert "of 5" in text_of(terminal.table([part], 120), 120)
     assert "of 5" in board.as_markdown([part])
     assert "of 7\n" not in board.as_markdown([whole])
     (row,) = csv.DictReader(io.StringIO(board.as_csv([part])))
@@ -166,12 +166,12 @@ def test_nees_inside():
 
 def test_a_narrow_terminal_gets_no_broken_intervals():
     found = [results(name, 8000, runs=100) for name in ("filterpy_ukf", "ckf")]
-    text = text_of(board.table(found, 80), 80)
+    text = text_of(terminal.table(found, 80), 80)
     assert max(len(line.rstrip()) for line in text.splitlines()) <= 80
     low, high = found[0].summary.rms_ci["U"]
     assert f"{low:.0f}–{high:.0f}" in text
     assert f"{found[0].summary.rms_ci['E'][0]:.1f}–" not in text
-    assert f"{found[0].summary.rms_ci['E'][0]:.1f}–" in text_of(board.table(found, 100), 100)
+    assert f"{found[0].summary.rms_ci['E'][0]:.1f}–" in text_of(terminal.table(found, 100), 100)
 
 
 RLG = get_task("rlg-car-v0")
@@ -206,7 +206,7 @@ WORDS = {  # what must be found whole, in boards of every width
 @pytest.mark.parametrize("width", [66, 72, 80, 90, 100, 120])
 def test_no_number_and_no_word_is_broken(kind, width):
     found = WORDS[kind]
-    text = text_of(board.table(found, width), width)
+    text = text_of(terminal.table(found, width), width)
     lines = text.splitlines()
     assert max(len(line) for line in lines) <= width
     tokens = set(text.split())
@@ -229,6 +229,6 @@ def test_no_number_and_no_word_is_broken(kind, width):
 
 def test_names_fold_at_dots_and_colons_only():
     one = results("package.module.with.a.long.path:AnEstimatorWithALongName", 3e5)
-    text = board._label(one, 1, 24).plain.splitlines()
+    text = terminal._label(one, 1, 24).plain.splitlines()
     assert text == ["AnEstimatorWithALongName", "package.module.with.a.", "long.path"]
-    assert board._longest(one) == 24
+    assert terminal._longest(one) == 24

@@ -11,7 +11,7 @@ import pytest
 from oracles import recorded
 from rich.console import Console
 
-from sins_env.evaluation import board, evaluate, plots, run_episode, tasks
+from sins_env.evaluation import board, evaluate, plots, run_episode, tasks, terminal
 from sins_env.evaluation.cli import main
 from sins_env.evaluation.store import Key, Store
 from sins_env.evaluation.tasks import EvaluationTask
@@ -89,7 +89,7 @@ def test_every_form_shows_no_score(found):
     assert cells == ["-", found.solver, "3", *["-"] * 6, "0", "-", board.number(found.summary.spread_deg)]
     for width in (80, 120):
         console = Console(width=width, file=io.StringIO())
-        console.print(board.table([found, other], width))
+        console.print(terminal.table([found, other], width))
         text = console.file.getvalue()
         assert "no reference" in text
         assert board.number(found.summary.spread_deg) in text
