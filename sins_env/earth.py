@@ -106,11 +106,13 @@ def ecef_to_enu(latitude: Scalar, longitude: Scalar) -> Array:
     return out
 
 
-def displace(earth: Earth, pos: Array, offset: Array) -> Array:
-    """Latitude, longitude, height (..., 3) of a point ``offset`` metres E, N, U away (first order: for metres, not kilometres)."""
-    R_M, R_N = radii(earth, pos[..., 0])
+def displace(earth: Earth, pos: Array, offset: Array, at: Array | None = None) -> Array:
+    """Latitude, longitude, height (..., 3) of a point ``offset`` metres E, N, U away; the radii are those ``at`` a place
+    on the way, by default at ``pos`` (first order: for metres, not kilometres)."""
+    where = pos if at is None else at
+    R_M, R_N = radii(earth, where[..., 0])
     out = np.empty(np.broadcast_shapes(pos.shape, offset.shape))
-    out[..., 0] = pos[..., 0] + offset[..., 1] / (R_M + pos[..., 2])
-    out[..., 1] = pos[..., 1] + offset[..., 0] / ((R_N + pos[..., 2]) * np.cos(pos[..., 0]))
+    out[..., 0] = pos[..., 0] + offset[..., 1] / (R_M + where[..., 2])
+    out[..., 1] = pos[..., 1] + offset[..., 0] / ((R_N + where[..., 2]) * np.cos(where[..., 0]))
     out[..., 2] = pos[..., 2] + offset[..., 2]
     return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -46,7 +47,7 @@ class World(Protocol):
         ...
 
 
-class ChunkedWorld:
+class ChunkedWorld(ABC):
     """Epochs one by one out of chunks, so that memory grows neither with the duration nor with the epoch's length."""
 
     task: Task
@@ -66,9 +67,9 @@ class ChunkedWorld:
     def _rewind(self) -> None:
         self._first = self._end = 0
 
+    @abstractmethod
     def _chunk(self, first: int, count: int) -> tuple[tuple[Any, ...], NavState]:
         """Epochs first + 1 ... first + count: what is measured, and the truth, all (runs, count, ...)."""
-        raise NotImplementedError
 
 
 def told_start(task: Task, misalignment_deg: Any, truth: NavState, draws: Array, pos: Array) -> NavState:

@@ -6,7 +6,6 @@ from argparse import Namespace
 from typing import Any
 
 import numpy as np
-from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -18,9 +17,9 @@ from sins_env.evaluation import board as boards
 from sins_env.evaluation import monte_carlo, plots, registry, terminal
 from sins_env.evaluation.check import Check, check_estimator
 from sins_env.evaluation.episode import EstimatorError, run_episode
-from sins_env.evaluation.executors import runner
+from sins_env.evaluation.executors import check_executor, runner
 from sins_env.evaluation.listing import describe, list_all
-from sins_env.evaluation.outcome import RunFailed, check_plot, remark, save_figure
+from sins_env.evaluation.outcome import RunFailed, check_plot, remark, save_figure, titled
 from sins_env.evaluation.progress import Bar
 from sins_env.evaluation.scoring import Records
 from sins_env.evaluation.store import Key, Store, canonical
@@ -58,7 +57,7 @@ def run(given: Namespace, console: Console) -> int:
 
 def _run_table(given: Namespace, task: EvaluationTask, records: Records) -> Table:
     title = f"{given.solver} on {task.name}, run {given.run}"
-    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
+    table = titled(title)
     table.add_column("error")
     scored = records.criteria.scored
     for name in ("at the end", "RMS, steady", "threshold", "within it from"):
@@ -103,7 +102,7 @@ def evaluate(given: Namespace, console: Console) -> int:
     check_plot(given.plot)
     pairs, settings = _pairs(given), dict(given.set)
     canonical(settings)
-    monte_carlo.check_executor(given.executor)
+    check_executor(given.executor)
     with Store(given.db) as store:
         keys = [
             Key.of(task.name, suite_hash(task, given.seed), solver, settings, registry.code_version(solver))
@@ -122,8 +121,7 @@ def evaluate(given: Namespace, console: Console) -> int:
         ]
         _evaluate_all(given, store, todo, settings)
         results = [store.results(key, range(given.runs)) for key in keys]
-    for group in boards.by_task(results).values():
-        console.print(terminal.table(group, console.width))
+    terminal.print_tables(results, console)
     if given.plot:
         save_figure(plots.error_figure(results), given.plot)
     bad = [one for one in results if one.records.broken.any()]
@@ -185,8 +183,7 @@ def board(given: Namespace, console: Console) -> int:
     elif not results:
         remark(f"{given.db}: no results yet")
     else:
-        for group in boards.by_task(results).values():
-            console.print(terminal.table(group, console.width))
+        terminal.print_tables(results, console)
     if given.plot and results:
         save_figure(plots.error_figure(results), given.plot)
     return 0
@@ -218,8 +215,7 @@ def bench(given: Namespace, console: Console) -> int:
             speeds = speed.measure(given.solver, given.task, batches=batches, progress=bar.update)
     except EstimatorError as error:
         raise RunFailed(f"{given.solver} on {given.task}: {error}") from error
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.title, table.title_justify, table.title_style = f"{given.solver} on {given.task}", "left", "bold"
+    table = titled(f"{given.solver} on {given.task}")
     table.add_column("part")
     for name in ("runs", "x real time\nper core", "us per run\nand epoch"):
         table.add_column(name, justify="right")

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import attitude, types
+from sins_env.envs.episode import failed_epochs
 from sins_env.evaluation import registry
 from sins_env.evaluation.scoring import Criteria, Records, Scorer, nees
 from sins_env.evaluation.tasks import EvaluationTask, get_task, is_scored, run_numbers, solver_rng
@@ -172,7 +173,7 @@ def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer 
             P = guard.covariance() if k in ask or (observer and criteria.known_start) else None
             obs, _, _, _, info = env.step(action)
             phi = info["errors"]["phi"] if criteria.scored else unknown
-            block[:, in_block], failed[:, in_block] = phi, info["failed"] | ~action.any(axis=-1)
+            block[:, in_block], failed[:, in_block] = phi, info["failed"]
             in_block += 1
             if k in ask and P is not None:
                 scorer.nees[:, ask[k]] = nees(phi, P)
@@ -214,9 +215,8 @@ def _text(error: EstimatorError) -> str:
 
 def _heading(action: Array) -> Array:
     """(R,) rad of the last actions; NaN where they are no attitude."""
-    norm = np.sqrt(np.sum(action * action, axis=-1, keepdims=True))
-    q = np.where(np.isfinite(norm) & (norm > 0), action / np.where(norm > 0, norm, 1.0), np.nan)
-    return attitude.to_euler(attitude.to_dcm(q))[0]
+    q = np.where(failed_epochs(action)[:, None], np.nan, action)
+    return attitude.to_euler(attitude.to_dcm(attitude.normalize(q)))[0]
 
 
 def _with_frozen(records: Records, frozen: NDArray[np.int64]) -> Records:

@@ -11,7 +11,6 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -19,14 +18,14 @@ from rich.table import Table
 from sins_env.envs import ALIGNMENT_IDS
 from sins_env.errors import unknown
 from sins_env.evaluation import registry
-from sins_env.evaluation.outcome import check_plot, save_figure
+from sins_env.evaluation.outcome import check_plot, save_figure, titled
 from sins_env.evaluation.progress import Bar
 from sins_env.evaluation.tasks import TASKS, EvaluationTask, suite_hash
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS
 
 
 def _table(title: str, *columns: str) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
+    table = titled(title)
     table.show_header = any(columns)
     for i, name in enumerate(columns):
         table.add_column(name, overflow="fold", no_wrap=i == 0)  # names stay whole

@@ -13,7 +13,7 @@ from typing import Any
 from sins_env.evaluation import registry
 from sins_env.evaluation.cost import Cost, measure_cost
 from sins_env.evaluation.episode import Job, lost_records
-from sins_env.evaluation.executors import Processes, Runner, check_executor, runner
+from sins_env.evaluation.executors import Processes, Runner, runner
 from sins_env.evaluation.metrics import Summary, summarise
 from sins_env.evaluation.scoring import Records
 from sins_env.evaluation.tasks import EvaluationTask, get_task, run_numbers, suite_hash
@@ -142,4 +142,4 @@ def extent(task: EvaluationTask, runs: int) -> tuple[float, float]:
     return public.epoch_s, runs * public.num_epochs * public.epoch_s
 
 
-__all__ = ["Report", "Results", "check_executor", "chunks", "evaluate", "extent"]
+__all__ = ["Report", "Results", "chunks", "evaluate", "extent"]

@@ -1,10 +1,13 @@
-"""What the verbs share: a failed run, remarks on standard error, and figures as files."""
+"""What the verbs share: a failed run, remarks on standard error, tables, and figures as files."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
 from typing import Any
+
+from rich import box
+from rich.table import Table
 
 
 class RunFailed(Exception):
@@ -13,6 +16,11 @@ class RunFailed(Exception):
 
 def remark(text: str) -> None:
     print(text, file=sys.stderr)
+
+
+def titled(title: str) -> Table:
+    """An empty table in the style of all verbs."""
+    return Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
 
 
 def check_plot(path: str | None, option: str = "--plot") -> None:

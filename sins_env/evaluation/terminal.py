@@ -15,6 +15,7 @@ from rich.text import Text
 from sins_env.evaluation.board import (
     angle,
     angle_interval,
+    by_task,
     cost_text,
     failure_text,
     footer,
@@ -41,6 +42,12 @@ class _Column:
 MOST_NAME, MOST_SETTING = 60, 24  #: characters of a line below "solver", and of a setting
 #: What a narrow terminal does without, in this order, until the table fits.
 _LESS = ("intervals of east and north", "cost", "east and north", "NEES", "median time", "failures")
+
+
+def print_tables(results: Sequence[Results], console: Console) -> None:
+    """A table per task, as wide as the terminal."""
+    for group in by_task(results).values():
+        console.print(table(group, console.width))
 
 
 def table(results: Sequence[Results], width: int = 100) -> RenderableType:

@@ -188,14 +188,10 @@ class Sway:
         """The rows of these runs, where there is one per run."""
         return part[runs] if self.random else part
 
-    def _turning(self, t: Array, runs: slice = slice(None)) -> tuple[Array, Array]:
+    def _turning(self, t: Array, runs: slice) -> tuple[Array, Array]:
         """C_0 = C_b^n about the mean heading and omega_nb^b at times t: (..., *t.shape, 3, 3), (..., *t.shape, 3)."""
         angles, rates = self._angles(t, runs)
-        heading, pitch, roll = np.moveaxis(angles, -1, 0)
-        dh, dp, dr = np.moveaxis(rates, -1, 0)
-        cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
-        rate = np.stack([dp * cr + dh * sr * cp, dr - dh * sp, dp * sr - dh * cr * cp], axis=-1)  # equations.md A.2
-        return attitude.to_dcm(attitude.from_euler(heading, pitch, roll)), rate
+        return attitude.to_dcm(attitude.from_euler(*np.moveaxis(angles, -1, 0))), _body_rate(angles, rates)
 
     def _angles(self, t: Array, runs: slice = slice(None)) -> tuple[Array, Array]:
         """Heading about its mean, pitch, roll and their rates, (..., *t.shape, 3)."""
@@ -207,7 +203,8 @@ class Sway:
     def _states(self, t: Array) -> tuple[NavState, Array]:
         """True states (runs, len(t), ...) and omega_eb^b."""
         runs = len(self._heading)
-        angles, _ = self._angles(t)
+        angles, rates = self._angles(t)
+        rate_nb = _body_rate(angles, rates)
         angles = np.broadcast_to(angles, (runs, len(t), 3))
         q_nb = attitude.from_euler(angles[..., 0] + self._heading[:, None], angles[..., 1], angles[..., 2])
         omega = np.broadcast_to(self._omega, self._phase.shape)[:, None, :]
@@ -216,7 +213,6 @@ class Sway:
         shape = (runs, len(t), -1, 3)
         vel = (speed * np.cos(argument)).reshape(shape).sum(axis=2)
         offset = (speed / omega * np.sin(argument)).reshape(shape).sum(axis=2)
-        _, rate_nb = self._turning(t)
         rate_en_b = np.matmul(np.swapaxes(attitude.to_dcm(q_nb), -1, -2), (self._transport @ vel[..., None]))[..., 0]
         return NavState(q_nb, vel, earth.displace(self._earth, self.site.pos, offset)), rate_nb + rate_en_b
 
@@ -231,6 +227,14 @@ def _node_count(half: float, vibration: bool) -> int:
     while 2 * nodes * math.log(math.e * k / (4 * nodes)) > math.log(1e-16):
         nodes += 1
     return nodes
+
+
+def _body_rate(angles: Array, rates: Array) -> Array:
+    """omega_nb^b (..., 3) of heading, pitch, roll and their rates, (..., 3) each. equations.md A.2."""
+    _, pitch, roll = np.moveaxis(angles, -1, 0)
+    dh, dp, dr = np.moveaxis(rates, -1, 0)
+    cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+    return np.stack([dp * cr + dh * sr * cp, dr - dh * sp, dp * sr - dh * cr * cp], axis=-1)
 
 
 def _interleave(a: Array, b: Array) -> Array:

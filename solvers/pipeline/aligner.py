@@ -11,7 +11,7 @@ from sins_env import attitude, earth
 from sins_env.errors import unknown
 from sins_env.types import NavState, Observation, Rng, Task
 from solvers.pipeline import feedback as reset
-from solvers.pipeline.coarse_alignment import METHODS, CoarseAlignment
+from solvers.pipeline.coarse_alignment import CoarseAlignment, check_method
 from solvers.pipeline.error_state import PHI, AlignmentErrors
 from solvers.pipeline.strapdown import Strapdown, StrapdownState, cross, end_rate
 from solvers.types import Filter, Health, Measurement
@@ -49,14 +49,13 @@ class Aligner:
             feedback = getattr(filter, "feedback", "open")
         if feedback not in FEEDBACK:
             raise unknown("feedback", feedback, FEEDBACK)
-        if coarse not in METHODS:
-            raise unknown("coarse method", coarse, METHODS)
+        check_method(coarse)
         self.filter, self.errors = filter, AlignmentErrors(model, bias_frame)
         self.feedback, self.coarse = feedback, coarse
         self.batched: bool = getattr(filter, "batched", True)
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
-        self.task, self._rng, self._num_runs = task, rng, num_runs
+        self.task, self._rng = task, rng
         self._k = 0
         self._strapdown = Strapdown(
             earth.get(task.site.earth), task.epoch_s, task.n_sub, task.site.pos, hold_position=True
@@ -168,8 +167,7 @@ class CoarseAligner:
     batched = True
 
     def __init__(self, method: str = "svd") -> None:
-        if method not in METHODS:
-            raise unknown("coarse method", method, METHODS)
+        check_method(method)
         self.method = method
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from sins_env import attitude, earth
 from sins_env.errors import unknown
 from sins_env.types import Observation, Task
-from solvers.pipeline.strapdown import chain, cross, end_rate, interval_increments
+from solvers.pipeline.strapdown import carried_sample, chain, cross, end_rate, interval_increments
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,12 @@ EARLY_SHARE = 50 / 180  #: of the coarse phase at which the two-vector method ta
 WINDOW_S = 60.0  #: of the aided method, at most half of the coarse phase
 
 
+def check_method(method: str) -> None:
+    """Raises ValueError for an unknown method, with the nearest that exists."""
+    if method not in METHODS:
+        raise unknown("coarse method", method, METHODS)
+
+
 class CoarseAlignment:
     """Collects the epochs of the coarse phase; batch first.
 
@@ -38,8 +44,7 @@ class CoarseAlignment:
     """
 
     def __init__(self, task: Task, batch: tuple[int, ...], method: str = "svd") -> None:
-        if method not in METHODS:
-            raise unknown("coarse method", method, METHODS)
+        check_method(method)
         self.method, self._epoch_s, self._pos = method, task.epoch_s, task.site.pos
         model = earth.get(task.site.earth)
         latitude, _, height = self._pos
@@ -48,7 +53,7 @@ class CoarseAlignment:
         self._rate_ie = earth.rate_n(model, latitude)
         self._lever = np.asarray(task.gps.lever_arm_m)
         self._enu = earth.ecef_to_enu(latitude, 0.0)  # the longitude of the start serves as zero
-        self._batch, self._k = batch, 0
+        self._k = 0
         self._q = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*batch, 4))
         self._v_b = np.zeros((*batch, 3))
         self._swept = np.zeros((*batch, 3))  # integral of C_n^i (omega_ie x v)
@@ -68,7 +73,7 @@ class CoarseAlignment:
         """One epoch more."""
         self._k += 1
         rotation, dvel_b = interval_increments(obs["dtheta"], obs["dvel"], self._last)
-        self._last = np.concatenate([obs["dtheta"][..., -1, :], obs["dvel"][..., -1, :]], axis=-1)
+        self._last = carried_sample(obs["dtheta"], obs["dvel"])
         relative, _, steps = chain(rotation, dvel_b)
         self._v_b = self._v_b + np.matmul(attitude.to_dcm(self._q), steps.sum(axis=-2)[..., None])[..., 0]
         self._q = attitude.normalize(attitude.multiply(self._q, relative[..., -1, :]))
@@ -151,6 +156,6 @@ class CoarseAlignment:
 def _triad_axes(main: Array, other: Array) -> Array:
     """Orthonormal axes as columns (..., 3, 3): along ``main``, along other x main, and their product."""
     first = main / np.linalg.norm(main, axis=-1, keepdims=True)
-    second = np.cross(other, main)
+    second = cross(other, main)
     second = second / np.linalg.norm(second, axis=-1, keepdims=True)
-    return np.stack([first, second, np.cross(first, second)], axis=-1)
+    return np.stack([first, second, cross(first, second)], axis=-1)

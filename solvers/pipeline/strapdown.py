@@ -104,6 +104,13 @@ def interval_increments(dtheta: Array, dvel: Array, last: Array | None) -> tuple
     return rotation.T.reshape(*shape[:-2], 3), dvel_b.T.reshape(*shape[:-2], 3)
 
 
+def carried_sample(dtheta: Array, dvel: Array) -> Array | None:
+    """The last sample (..., 6) of an epoch, which the next one needs as ``last`` in the one-sample form; else None."""
+    if samples_per_interval(dtheta.shape[-2]) > 1:
+        return None
+    return np.concatenate([dtheta[..., -1, :], dvel[..., -1, :]], axis=-1)
+
+
 def cross_planes(a: Array, b: Array) -> Array:
     """a x b along the first axis."""
     first = a[1] * b[2] - a[2] * b[1]
@@ -143,7 +150,6 @@ class Strapdown:
 
     def __init__(self, model: Earth, epoch_s: float, n_sub: int, site_pos: Array, hold_position: bool) -> None:
         self.model, self.epoch_s, self.n_sub, self.hold_position = model, epoch_s, n_sub, hold_position
-        self._carry = samples_per_interval(n_sub) == 1
         intervals = n_sub // samples_per_interval(n_sub)
         middles = (np.arange(intervals) + 0.5) * (epoch_s / intervals)  # s into the epoch
         self._moments = np.stack([np.ones(intervals), middles])
@@ -181,15 +187,9 @@ class Strapdown:
         new_pos = pos if self.hold_position else self._move(pos, middle)
         mean = np.matmul(self._weights, bodies.reshape(*bodies.shape[:-2], 9)).reshape(C0.shape)
         motion = EpochMotion(h, np.matmul(C0, mean), force, middle, rate_ie, rate_en, transport)
-        last = np.concatenate([dtheta[..., -1, :], dvel[..., -1, :]], axis=-1) if self._carry else None
-        return StrapdownState(NavState(new_q, new_vel, new_pos), last), motion
+        return StrapdownState(NavState(new_q, new_vel, new_pos), carried_sample(dtheta, dvel)), motion
 
     def _move(self, pos: Array, vel: Array) -> Array:
         """Position after an epoch at the mean velocity, radii at mid-epoch. (2.2.37-39)."""
         half = earth.displace(self.model, pos, 0.5 * self.epoch_s * vel)
-        R_M, R_N = earth.radii(self.model, half[..., 0])
-        out = np.empty(np.broadcast_shapes(pos.shape, vel.shape))
-        out[..., 0] = pos[..., 0] + self.epoch_s * vel[..., 1] / (R_M + half[..., 2])
-        out[..., 1] = pos[..., 1] + self.epoch_s * vel[..., 0] / ((R_N + half[..., 2]) * np.cos(half[..., 0]))
-        out[..., 2] = pos[..., 2] + self.epoch_s * vel[..., 2]
-        return out
+        return earth.displace(self.model, pos, self.epoch_s * vel, at=half)
