@@ -203,6 +203,8 @@ def _frozen(array: Array) -> Array:
 
 #: 1-sigma start errors that the environment draws and the matched prior tells.
 TOLD_START_STD_DEG = (1.0, 1.0, 15.0)
+#: Told spread of a heading that is drawn over the circle.
+ANY_HEADING_STD_DEG = 180.0 / math.sqrt(3.0)
 #: Told spread of the attitude after coarse alignment.
 COARSE_STD_DEG = (0.1, 0.1, 2.0)
 START_VELOCITY_STD_MPS = 0.2

@@ -46,12 +46,25 @@ class Transition(NamedTuple):
     dt: float | None = None  #: s
 
 
+class NoiseLaw(NamedTuple):
+    """How v is distributed, beyond its R, where that is told: a mixture, or Student-t; else Gaussian.
+
+    Both scale the whole vector: v = s v0, v0 ~ N(0, R), with s^2 = ``factor`` in a ``share`` of the fixes, or
+    s^2 = dof / chi^2(dof), so that R is the scale matrix of the t distribution.
+    """
+
+    share: float = 0.0  #: of the fixes that are contaminated
+    factor: float = 1.0  #: of their variance
+    dof: float = 0.0  #: degrees of freedom of Student-t; 0: Gaussian
+
+
 class Measurement(NamedTuple):
     """z = h(x) + v, v ~ N(0, R)."""
 
     z: Array  #: (..., m)
     h: Function
     R: Array  #: (..., m, m), or (m, m) shared by all runs
+    law: NoiseLaw | None = None  #: None: Gaussian
 
 
 class Moments(NamedTuple):
@@ -73,6 +86,7 @@ class Health(NamedTuple):
     epoch: int  #: steps taken since init
     repairs: NDArray[np.int64]  #: (...) covariance repairs so far
     failed_at: NDArray[np.int64]  #: (...) the epoch at which the run was frozen; -1 while it is well
+    fallbacks: NDArray[np.int64]  #: (...) times that a safeguard replaced the filter's own rule
     frozen: bool = False  #: whether any run was: one look per step instead of a search
 
 
@@ -92,6 +106,10 @@ class Filter(Protocol[B]):
 
     def estimate(self, b: B) -> Gaussian:
         """Mean and covariance, whatever the belief is made of."""
+        ...
+
+    def diagnostics(self, b: B) -> dict[str, Array]:
+        """What the filter knows beside its estimate, by name: arrays with the batch axes in front."""
         ...
 
     def relocate(self, b: B, g: Function, jac: Callable[[Array], Array]) -> B:

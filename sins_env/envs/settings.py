@@ -10,7 +10,16 @@ from typing import Any
 from sins_env import checks, earth
 from sins_env.errors import build
 from sins_env.gps import epochs_per_fix
-from sins_env.specs import COARSE_STD_DEG, PRIORS, TOLD_START_STD_DEG, GpsSpec, ImuSpec, gps_spec, imu_spec
+from sins_env.specs import (
+    ANY_HEADING_STD_DEG,
+    COARSE_STD_DEG,
+    PRIORS,
+    TOLD_START_STD_DEG,
+    GpsSpec,
+    ImuSpec,
+    gps_spec,
+    imu_spec,
+)
 from sins_env.trajectory.sway import MOTIONS
 from sins_env.types import Site, Task
 
@@ -24,7 +33,8 @@ class AlignSettings:
 
     ``duration`` s includes ``coarse`` s. None: coarse is 120 s for an unknown start and 0 for a told one, the fine
     phase lasts 360 s. ``imu``, ``gps``: a preset's name or a dict of fields. ``misalignment_deg``: three fixed values,
-    or None for a draw from the prior. ``heading_deg`` None draws the mean heading over the circle per run.
+    or None for a draw from the prior. ``any_heading`` draws the told heading over the circle, and tells so.
+    ``heading_deg`` None draws the mean heading over the circle per run.
 
     Raises:
         ValueError: any value out of its range, or values that do not fit together.
@@ -38,6 +48,7 @@ class AlignSettings:
     gps: Any = "thesis"
     start: str = "told"
     misalignment_deg: tuple[float, ...] | None = None
+    any_heading: bool = False
     prior: str = "matched"
     latitude_deg: float = 39.96
     heading_deg: float | None = 30.0
@@ -63,6 +74,12 @@ class AlignSettings:
             checks.number("heading_deg", self.heading_deg, "a finite angle in degrees, or None")
         checks.flag("vibration", self.vibration)
         set_(self, "misalignment_deg", check_misalignment(self.misalignment_deg, self.start))
+        checks.flag("any_heading", self.any_heading)
+        if self.any_heading and (self.start != "told" or self.misalignment_deg is not None):
+            raise ValueError(
+                f"any_heading with start = {self.start!r}, misalignment_deg = {self.misalignment_deg!r}; "
+                "allowed: with start = 'told' and a drawn misalignment only"
+            )
         epochs_per_fix(self.gps_true, self.epoch)
         _ = self.imu_true
 
@@ -91,6 +108,8 @@ class AlignSettings:
     def task(self, env_id: str) -> Task:
         """What the estimators are told; the start of an episode is filled in at its reset."""
         spread = TOLD_START_STD_DEG if self.start == "told" else COARSE_STD_DEG
+        if self.any_heading:
+            spread = (*spread[:2], ANY_HEADING_STD_DEG)
         prior = PRIORS[self.prior](self.imu_true, self.gps_true, self.epoch, spread)
         return Task(
             id=env_id,

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from sins_env import attitude, earth
 from sins_env.envs.settings import AlignSettings
@@ -72,11 +73,15 @@ class ChunkedWorld(ABC):
         """Epochs first + 1 ... first + count: what is measured, and the truth, all (runs, count, ...)."""
 
 
-def told_start(task: Task, misalignment_deg: Any, truth: NavState, draws: Array, pos: Array) -> NavState:
+def told_start(
+    task: Task, misalignment_deg: Any, truth: NavState, draws: Array, pos: Array, any_heading: bool = False
+) -> NavState:
     """The start that a task tells: C(phi) C_true, phi fixed or drawn; ``draws`` (runs, 6) are normals."""
     spread = np.asarray(task.prior.attitude_std_deg)
     fixed = misalignment_deg is not None
     phi = DEG * (np.broadcast_to(misalignment_deg, (len(draws), 3)) if fixed else spread * draws[:, :3])
+    if any_heading:
+        phi[:, 2] = np.pi * (2.0 * ndtr(draws[:, 2]) - 1.0)
     computed = attitude.multiply(attitude.misalignment_quaternion(phi), truth.q_nb)
     vel = truth.vel + task.prior.velocity_std_mps * draws[:, 3:]
     return NavState(computed, vel, np.broadcast_to(pos, vel.shape).copy())
@@ -111,7 +116,8 @@ class SwayWorld(ChunkedWorld):
         draws = standard_normal([s[0] for s in streams], (6,))
         if self.settings.start == "unknown":
             return truth, None
-        return truth, told_start(self.task, self.settings.misalignment_deg, truth, draws, self.task.site.pos)
+        settings, site = self.settings, self.task.site
+        return truth, told_start(self.task, settings.misalignment_deg, truth, draws, site.pos, settings.any_heading)
 
     def _chunk(self, first: int, count: int) -> tuple[tuple[Any, ...], NavState]:
         motion = self.trajectory.chunk(first, count)

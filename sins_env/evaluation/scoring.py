@@ -27,6 +27,7 @@ NEES_AT = (0.25, 0.5, 0.75, 1.0)  #: parts of the fine phase at which the consis
 STEADY_LEAST_S, STEADY_PART = 60.0, 0.2
 DIVERGED_SIGMAS = 10.0
 DIVERGED_UNKNOWN = np.radians([10.0, 10.0, 90.0])  #: limits E, N, U after an unknown start
+LOST_HEADING = np.radians(90.0)  #: told spread from which on the start may be anywhere
 MAX_HISTORY = 21_600  #: 6 h at 1 Hz; longer episodes are kept at a longer interval
 FAILED_EPOCH = "non-finite or zero action"  #: how the reason of a run with failed epochs begins
 STATUSES = ("ok", "diverged", "frozen", "raised", "lost")
@@ -44,20 +45,26 @@ class Criteria:
     hold_s: float
     known_start: bool = True
     scored: bool = True  #: False for a recording without a reference: there are no errors then
+    lost_heading: bool = False  #: a start within +-180 deg: the limit in azimuth holds in the steady state only
 
     @classmethod
     def of(cls, task: EvaluationTask, public: types.Task, scored: bool = True) -> Criteria:
         known = public.start is not None
         sigma = np.radians(np.asarray(public.prior.attitude_std_deg, dtype=float))
+        limit = DIVERGED_SIGMAS * sigma if known else DIVERGED_UNKNOWN
+        lost_heading = bool(limit[2] >= DIVERGED_SIGMAS * LOST_HEADING)
+        if lost_heading:
+            limit[2] = DIVERGED_UNKNOWN[2]
         return cls(
             public.epoch_s,
             public.num_epochs,
             round(public.coarse_s / public.epoch_s),
             task.delta,
-            DIVERGED_SIGMAS * sigma if known else DIVERGED_UNKNOWN,
+            limit,
             task.hold_s,
             known,
             scored,
+            lost_heading,
         )
 
     @property
@@ -192,7 +199,10 @@ class Scorer:
         first_held = c.num_epochs - round(c.hold_s / c.epoch_s)
         if k[-1] >= first_held:
             self.hold_max = np.maximum(self.hold_max, size[:, k >= first_held].max(axis=1))
-        _first(self.diverged_at, (size > c.limit) & fine, k)
+        beyond = (size > c.limit) & fine
+        if c.lost_heading:
+            beyond[..., 2] &= k >= c.steady_from
+        _first(self.diverged_at, beyond, k)
         _first(self.failed_at, failed, k)
         if k[-1] >= c.steady_from:
             late = phi[:, k >= c.steady_from]

@@ -20,7 +20,8 @@ import scipy.linalg
 
 from solvers.blocks.moments import standard_deviations, tangent
 from solvers.blocks.sigma_rules import Unscented
-from solvers.filters.gaussian import Belief, GaussianFilter, initial_belief, settle
+from solvers.filters.base import settle
+from solvers.filters.gaussian import Belief, GaussianFilter, initial_belief
 from solvers.filters.registry import register
 from solvers.types import Array, Function, Gaussian, Innovation, Measurement, Transition
 
@@ -69,7 +70,7 @@ class FilterpyFilter(ABC):
                 innovation = None if me is None else Innovation(np.array(o.y), np.array(o.S))
             except np.linalg.LinAlgError:
                 x, innovation = lost
-        after = settle(b, x, ())
+        after = settle(b, b._replace(mean=x.mean, cov=x.cov))
         if me is not None and after.health.frozen:
             m = me.z.shape[-1]
             innovation = Innovation(np.full(m, np.nan), np.full((m, m), np.nan))
@@ -78,8 +79,11 @@ class FilterpyFilter(ABC):
     def estimate(self, b: Belief) -> Gaussian:
         return Gaussian(b.mean, b.cov)
 
+    def diagnostics(self, b: Belief) -> dict[str, Array]:
+        return {}
+
     def relocate(self, b: Belief, g: Function, jac: Callable[[Array], Array]) -> Belief:
-        return GaussianFilter().relocate(b, g, jac)
+        return GaussianFilter[Belief]().relocate(b, g, jac)
 
 
 @register("filterpy_kf")

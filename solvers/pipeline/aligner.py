@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from sins_env import attitude, earth
 from sins_env.errors import unknown
+from sins_env.specs import GpsSpec
 from sins_env.types import NavState, Observation, Rng, Task
 from solvers.pipeline import feedback as reset
 from solvers.pipeline.coarse_alignment import CoarseAlignment, check_method
 from solvers.pipeline.error_state import PHI, AlignmentErrors
 from solvers.pipeline.strapdown import Strapdown, StrapdownState, cross, end_rate
-from solvers.types import Filter, Health, Measurement
+from solvers.types import Filter, Health, Measurement, NoiseLaw
 
 Array = NDArray[np.float64]
 
@@ -62,6 +63,7 @@ class Aligner:
         )
         self._rate_ie = earth.rate_n(earth.get(task.site.earth), task.site.latitude)
         self._Q, self._R = self.errors.noise(task.prior), task.prior.R[:2, :2]
+        self._law = noise_law(task.gps)
         self._lever = np.asarray(task.gps.lever_arm_m) if any(task.gps.lever_arm_m) else None
         self._coarse: CoarseAlignment | None = None
         self._ins: StrapdownState | None = None
@@ -90,6 +92,10 @@ class Aligner:
     def health(self) -> Health | None:
         """Repairs and failures of each run so far; None in the coarse phase."""
         return None if self._belief is None else self._belief.health
+
+    def diagnostics(self) -> dict[str, Array]:
+        """What the filter knows beside its estimate, by name; nothing in the coarse phase."""
+        return {} if self._belief is None else self.filter.diagnostics(self._belief)
 
     def _begin(self, batch: tuple[int, ...]) -> None:
         self._batch = batch
@@ -132,7 +138,7 @@ class Aligner:
         if not valid.all():
             residual = np.where(valid[..., None], residual, 0.0)
             R = R + np.where(valid, 0.0, MISSING_VARIANCE)[..., None, None] * np.eye(2)
-        return self.errors.measurement(residual[..., :2], R, arm)
+        return self.errors.measurement(residual[..., :2], R, arm, self._law)
 
     def _arm_velocity(self, obs: Observation, q_nb: Array) -> Array:
         """C_hat (omega_eb x lever arm) (..., 3): what the antenna, whose velocity a fix is, moves about the IMU."""
@@ -159,6 +165,13 @@ class Aligner:
         vel[..., :2] -= x[..., :2]
         self._ins = self._ins._replace(nav=nav._replace(q_nb=reset.corrected(nav.q_nb, x[..., PHI]), vel=vel))
         self._belief = self.filter.relocate(self._belief, *reset.reset_maps(x, slice(0, 2), PHI))
+
+
+def noise_law(gps: GpsSpec) -> NoiseLaw | None:
+    """The law of the fixes' errors that the task tells; None: Gaussian."""
+    if not (gps.contamination or gps.heavy_tail_dof):
+        return None
+    return NoiseLaw(gps.contamination, gps.contamination_factor, gps.heavy_tail_dof)
 
 
 class CoarseAligner:

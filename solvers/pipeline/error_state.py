@@ -27,7 +27,7 @@ from sins_env import attitude
 from sins_env.errors import unknown
 from sins_env.specs import DEG_PER_H, G0, Prior
 from solvers.pipeline.strapdown import EpochMotion
-from solvers.types import Gaussian, Linear, Measurement, Transition
+from solvers.types import Gaussian, Linear, Measurement, NoiseLaw, Transition
 
 Array = NDArray[np.float64]
 
@@ -155,20 +155,22 @@ class AlignmentErrors:
     def transition(self, motion: EpochMotion, Q: Array) -> Transition:
         return Transition(EpochMap(motion, self.model == "exact", self.bias_frame == "body"), Q, None, motion.dt)
 
-    def measurement(self, residual: Array, R: Array, arm_velocity: Array | None = None) -> Measurement:
+    def measurement(
+        self, residual: Array, R: Array, arm_velocity: Array | None = None, law: NoiseLaw | None = None
+    ) -> Measurement:
         """INS minus GPS velocity, E and N (..., 2): [I 0] x, plus the lever arm's part turned by phi. (2.3.20).
 
         ``arm_velocity`` (..., 3): C_hat (omega_eb x lever arm), already added to the INS's velocity in ``residual``.
         """
         if arm_velocity is None:
-            return Measurement(residual, Linear(_H), R)
+            return Measurement(residual, Linear(_H), R, law)
 
         def h(x: Array) -> Array:
             a = arm_velocity[..., None, :] if x.ndim > arm_velocity.ndim else arm_velocity
             turned = np.matmul(np.swapaxes(attitude.misalignment_dcm(x[..., PHI]), -1, -2), a[..., None])[..., 0]
             return x[..., :2] + (a - turned)[..., :2]
 
-        return Measurement(residual, h, R)
+        return Measurement(residual, h, R, law)
 
     @staticmethod
     def _select(full: Array) -> Array:

@@ -15,6 +15,10 @@ DIGESTS = {
     "sway-markov-v0": "9e11c361f16f2a9b",
     "sway-told-wrong-v0": "70bfe20fab034d16",
     "sway-scratch-v0": "8cab0500775a3324",
+    "sway-contaminated-v0": "0441138bca8260c3",
+    "sway-jump-v0": "e28052c069259694",
+    "sway-heavytail-v0": "967585caaf2efde1",
+    "sway-anyheading-v0": "e069acc635ced5fd",
     "rlg-car-v0": "2d69dc1955b9ca4f",
 }
 SEED_0 = 1996661565137576703
@@ -23,6 +27,10 @@ THRESHOLDS = {
     "sway-markov-v0": (1.6, 70, 600, 0),
     "sway-told-wrong-v0": (0.6, 60, 360, 0),
     "sway-scratch-v0": (0.7, 70, 480, 120),
+    "sway-contaminated-v0": (0.7, 70, 360, 0),
+    "sway-jump-v0": (0.7, 70, 360, 0),
+    "sway-heavytail-v0": (0.7, 70, 360, 0),
+    "sway-anyheading-v0": (0.7, 70, 360, 0),
     "rlg-car-v0": (0.3, 90, 300, 90),
 }
 SIMULATED = [name for name in tasks.names() if not get_task(name).windows]

@@ -1,0 +1,91 @@
+"""Gaussian mixtures: weights (..., G), means (..., G, n), covariances (..., G, n, n); G components per run.
+
+``spread`` lets a Gaussian filter written for runs (...) work on all components (..., G) at once.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from solvers.blocks.square_root import symmetrize
+from solvers.types import Array, Function, Gaussian, Linear, Measurement, Transition
+
+LOG_FLOOR = -700.0  #: smallest log weight before normalisation, relative to the largest: exp still has it
+
+
+def normalise(log_weights: Array) -> tuple[Array, Array]:
+    """Weights (..., G) that sum to one, and the log of the sum that they had (...)."""
+    top = log_weights.max(axis=-1, keepdims=True)
+    weights = np.exp(np.maximum(log_weights - top, LOG_FLOOR))
+    total = weights.sum(axis=-1, keepdims=True)
+    return weights / total, (top + np.log(total))[..., 0]
+
+
+def collapse(weights: Array, x: Gaussian) -> Gaussian:
+    """The Gaussian with the mean and covariance of the mixture; the weights sum to one. # 004 (11-12), 3.5.21 corrected"""
+    mean = (weights[..., None, :] @ x.mean)[..., 0, :]
+    apart = x.mean - mean[..., None, :]
+    cov = (weights[..., None, None] * x.cov).sum(axis=-3) + (apart * weights[..., None]).mT @ apart
+    return Gaussian(mean, symmetrize(cov))
+
+
+def merge(weights: Array, x: Gaussian) -> tuple[Array, Gaussian]:
+    """One component with the weight, mean and covariance of all: (...), and Gaussian (..., n). # 000 (3.5.21) corrected"""
+    total = weights.sum(axis=-1)
+    return total, collapse(weights / total[..., None], x)
+
+
+def split(x: Gaussian, count: int, omega: float = 0.5) -> Gaussian:
+    """``count`` components of equal weight along the largest principal axis, with the moments of ``x``. # 000 (3.5.16-20)
+
+    ``omega`` in [0, 1) is the share of that axis' variance that the means carry. Returns (..., count, n).
+    """
+    values, vectors = np.linalg.eigh(x.cov)
+    step = np.sqrt(omega * np.maximum(values[..., -1:], 0.0)) * vectors[..., :, -1]
+    s = np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1)
+    s = s * (math.sqrt(count / (s @ s)) if count > 1 else 1.0)
+    taken = step if count > 1 else np.zeros_like(step)
+    mean = x.mean[..., None, :] + s[:, None] * taken[..., None, :]
+    cov = x.cov - taken[..., :, None] * taken[..., None, :]
+    return Gaussian(mean, np.repeat(cov[..., None, :, :], count, axis=-3))
+
+
+@dataclass(frozen=True)
+class _Spread:
+    """g of runs (*batch) as a function of components (*batch, G): the components pass as points."""
+
+    g: Any
+    axes: int  #: of the batch
+
+    def __call__(self, x: Array) -> Array:
+        if x.ndim <= self.axes + 2:  # (*batch, G, n)
+            return self.g(x)
+        y = self.g(x.reshape(*x.shape[: self.axes], -1, x.shape[-1]))  # (*batch, G, points, n)
+        return y.reshape(*x.shape[:-1], y.shape[-1])
+
+
+def spread(g: Function, axes: int) -> Function:
+    """``g`` for components: ``axes`` batch axes stand before theirs. ``Linear`` stays ``Linear``."""
+    if not isinstance(g, Linear):
+        return _Spread(g, axes)
+    matrix = g.matrix[..., None, :, :] if g.matrix.ndim > 2 else g.matrix
+    offset = g.offset if g.offset is None or g.offset.ndim == 1 else g.offset[..., None, :]
+    return Linear(matrix, offset)
+
+
+def spread_transition(tr: Transition, axes: int) -> Transition:
+    """``tr`` for components."""
+    return tr._replace(f=spread(tr.f, axes), Q=_widen(tr.Q))
+
+
+def spread_measurement(me: Measurement, axes: int) -> Measurement:
+    """``me`` for components: all of them see the same z."""
+    return me._replace(z=me.z[..., None, :], h=spread(me.h, axes), R=_widen(me.R))
+
+
+def _widen(matrix: Array) -> Array:
+    return matrix[..., None, :, :] if matrix.ndim > 2 else matrix

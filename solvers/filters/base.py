@@ -1,0 +1,176 @@
+"""What every filter of the zoo shares: one step, beliefs of any make, and the care for runs that fail.
+
+A belief is a NamedTuple with ``health``; its other fields are arrays with the batch axes in front (nested
+NamedTuples of such arrays are fine), or values shared by all runs. Floating-point fields must be finite in a
+run that is well: that is how a lost run is found.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Protocol, TypeVar, cast
+
+import numpy as np
+
+from solvers.blocks.square_root import Mask
+from solvers.types import Array, Function, Gaussian, Health, Innovation, Measurement, Transition
+
+
+class AnyBelief(Protocol):
+    @property
+    def health(self) -> Health: ...
+
+
+B = TypeVar("B", bound=AnyBelief)
+
+
+@dataclass(frozen=True)
+class BatchFilter(ABC, Generic[B]):
+    """Base of the filters: a subclass says how its belief is made, predicts and corrects."""
+
+    batched: ClassVar[bool] = True  #: whether the filter takes any batch shape, or () alone
+
+    @abstractmethod
+    def init(self, prior: Gaussian, rng: Any = None) -> B: ...
+
+    @abstractmethod
+    def predict(self, b: B, tr: Transition) -> B:
+        """The belief one epoch later; repairs and fallbacks are counted by ``count``."""
+
+    @abstractmethod
+    def correct(self, b: B, me: Measurement) -> tuple[B, Innovation]:
+        """The belief after a measurement, and the innovation."""
+
+    @abstractmethod
+    def estimate(self, b: B) -> Gaussian: ...
+
+    @abstractmethod
+    def move(self, b: B, g: Function, jac: Callable[[Array], Array]) -> B:
+        """``relocate`` without the care for runs that it loses."""
+
+    def step(self, b: B, tr: Transition, me: Measurement | None) -> tuple[B, Innovation | None]:
+        """Predict, then correct.
+
+        A run that turns non-finite is frozen at its last good belief and marked in ``health``; from then on
+        its innovation is NaN. The other runs go on as if it were not there.
+        """
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # such runs are marked instead
+            x = self.predict(b, tr)
+            if me is None:
+                return settle(b, x), None
+            x, innovation = self.correct(x, me)
+            after = settle(b, x)
+        if after.health.frozen:
+            innovation = _blank(innovation, after.health.failed_at >= 0)
+        return after, innovation
+
+    def relocate(self, b: B, g: Function, jac: Callable[[Array], Array]) -> B:
+        """Feedback: every mean x becomes g(x), every covariance J(x) P J(x)'.
+
+        Frozen runs are moved too: what they believe stays the same, only its origin changes.
+        """
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            x = self.move(b, g, jac)
+            return x if _finite(x) else _keep(b, x, _finite_runs(x), x.health)
+
+    def diagnostics(self, b: B) -> dict[str, Array]:
+        """What the filter knows beside its estimate, by name: arrays with the batch axes in front."""
+        return {}
+
+
+def initial_health(*arrays: Array, batch: tuple[int, ...]) -> Health:
+    """A run whose arrays are not finite failed at epoch 0."""
+    well: Mask = np.ones(batch, dtype=bool)
+    for a in arrays:
+        well = well & _finite_rows(a, len(batch))
+    zeros = np.zeros(batch, dtype=np.int64)
+    return Health(0, zeros, np.where(well, -1, 0), zeros, not well.all())
+
+
+def initial_gaussian(prior: Gaussian) -> Gaussian:
+    """``prior`` as fresh arrays: mean (..., n), covariance (..., n, n), from (n, n) too where all runs share it."""
+    mean = np.array(prior.mean, dtype=float)
+    n = mean.shape[-1] if mean.ndim else 0
+    given = np.shape(prior.cov)
+    if n == 0 or given not in ((*mean.shape, n), (n, n)):
+        needed = (*mean.shape, n)
+        raise ValueError(f"prior mean of shape {mean.shape}: the covariance must be {needed}, given {given}")
+    return Gaussian(mean, np.array(np.broadcast_to(prior.cov, (*mean.shape, n)), dtype=float))
+
+
+def count(b: B, repairs: Mask | None = None, fallbacks: Mask | None = None) -> B:
+    """The belief with the runs of the masks (...) counted; None: none."""
+    if repairs is None and fallbacks is None:
+        return b
+    health = b.health
+    if repairs is not None:
+        health = health._replace(repairs=health.repairs + repairs)
+    if fallbacks is not None:
+        health = health._replace(fallbacks=health.fallbacks + fallbacks)
+    return cast(Any, b)._replace(health=health)
+
+
+def settle(before: B, after: B) -> B:
+    """The belief that follows ``before``: ``after`` where it is sound, ``before`` where it is not or was frozen."""
+    epoch, _, failed_at, _, frozen = before.health
+    health = after.health._replace(epoch=epoch + 1)
+    if not frozen and _finite(after):
+        return cast(Any, after)._replace(health=health)
+    well = (failed_at < 0) & _finite_runs(after)
+    repairs = np.where(well, health.repairs, before.health.repairs)
+    fallbacks = np.where(well, health.fallbacks, before.health.fallbacks)
+    return _keep(before, after, well, health._replace(repairs=repairs, fallbacks=fallbacks))
+
+
+def _keep(before: B, after: B, well: Mask, health: Health) -> B:
+    """``after`` in the runs that are well, ``before`` in the others, which fail now unless they failed before."""
+    failed_at = np.where(well | (health.failed_at >= 0), health.failed_at, health.epoch)
+    health = health._replace(failed_at=failed_at, frozen=bool((failed_at >= 0).any()))
+    return cast(Any, _select(well, after, before))._replace(health=health)
+
+
+def _select(well: Mask, after: Any, before: Any) -> Any:
+    """Field by field ``after`` where ``well``, else ``before``."""
+    if isinstance(after, Health):
+        return after
+    if isinstance(after, tuple):
+        parts = (_select(well, a, b) for a, b in zip(after, before, strict=True))
+        return type(after)(*parts) if hasattr(after, "_fields") else tuple(parts)
+    if isinstance(after, np.ndarray):
+        return np.where(well.reshape(*well.shape, *(1,) * (after.ndim - well.ndim)), after, before)
+    return after
+
+
+def _arrays(b: Any) -> Iterator[Array]:
+    """The floating-point arrays of a belief."""
+    for part in b:
+        if isinstance(part, np.ndarray):
+            if part.dtype.kind == "f":
+                yield part
+        elif isinstance(part, tuple) and not isinstance(part, Health):
+            yield from _arrays(part)
+
+
+def _finite(b: Any) -> bool:
+    """Whether all runs are finite, by one number per array; False on overflow too, which the mask then settles."""
+    return all(math.isfinite(np.add.reduce(a, axis=None)) for a in _arrays(b))
+
+
+def _finite_runs(b: Any) -> Mask:
+    shape = b.health.failed_at.shape
+    well: Mask = np.ones(shape, dtype=bool)
+    for a in _arrays(b):
+        well = well & _finite_rows(a, len(shape))
+    return well
+
+
+def _finite_rows(a: Array, axes: int) -> Mask:
+    return np.asarray(np.isfinite(a).all(axis=tuple(range(axes, a.ndim))))
+
+
+def _blank(innovation: Innovation, frozen: Mask) -> Innovation:
+    residual = np.where(frozen[..., None], np.nan, innovation.residual)
+    return Innovation(residual, np.where(frozen[..., None, None], np.nan, innovation.cov))
