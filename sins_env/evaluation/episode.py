@@ -97,19 +97,20 @@ class Guard:
             raise EstimatorError(f"{name} returned shape {array.shape}; allowed: {expected}")
         return array.reshape(self.num_runs, *shape)
 
-    def health(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Covariance repairs and the epoch at which each run froze (-1: none), where they are reported."""
+    def health(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Covariance repairs, fallbacks, and the epoch at which each run froze (-1: none), where they are reported."""
         if not hasattr(self.estimator, "health"):
-            return np.zeros(self.num_runs, dtype=np.int64), np.full(self.num_runs, -1)
+            none = np.zeros(self.num_runs, dtype=np.int64)
+            return none, none, none - 1
         health = self._call("health")
         try:
-            repairs, frozen = (
-                np.broadcast_to(np.asarray(getattr(health, name), dtype=np.int64), (self.num_runs,))
-                for name in ("repairs", "failed_at")
+            repairs, fallbacks, frozen = (
+                np.broadcast_to(np.asarray(value, dtype=np.int64), (self.num_runs,))
+                for value in (health.repairs, getattr(health, "fallbacks", 0), health.failed_at)
             )
         except (AttributeError, TypeError, ValueError) as error:
             raise EstimatorError(f"health returned {type(health).__name__} without repairs and failed_at") from error
-        return repairs, frozen
+        return repairs, fallbacks, frozen
 
 
 def run_job(job: Job, tick: Tick | None = None) -> Records:
@@ -184,7 +185,7 @@ def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer 
                 if done:
                     done(runs * in_block)
                 in_block = 0
-        outcome["repairs"], frozen = guard.health()
+        outcome["repairs"], outcome["fallbacks"], frozen = guard.health()
     except EstimatorError as error:
         if runs > 1:
             raise

@@ -14,16 +14,18 @@ import numpy as np
 
 from sins_env.evaluation.scoring import AXES, NEES_AT, Criteria
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+#: From each older schema to the next.
+MIGRATIONS = {1: ("ALTER TABLE runs ADD COLUMN fallbacks INTEGER DEFAULT 0",)}
 KEY = ("task", "suite", "solver", "settings_hash", "code", "run")
 
 _VECTORS = ("t_conv", "hold_max", "steady_mean", "steady_std", "steady_rms", "final")
 _SCALARS = ("heading", "step_s")
-_TEXTS = ("run", "status", "reason", "traceback", "repairs")
+_TEXTS = ("run", "status", "reason", "traceback", "repairs", "fallbacks")
 _VECTOR_COLUMNS = [f"{name}_{axis.lower()}" for name in _VECTORS for axis in AXES]
 _NEES_COLUMNS = [f"nees_{round(100 * part)}" for part in NEES_AT]
 _SCORES = [*_VECTOR_COLUMNS, *_SCALARS, *_NEES_COLUMNS]
-COLUMNS = [*KEY, "settings", "session", "status", "reason", "traceback", "repairs", *_SCORES, "history"]
+COLUMNS = [*KEY, "settings", "session", *_TEXTS[1:], *_SCORES, "history"]
 
 #: rad, and s from the start of fine alignment; t_conv is Inf where censored; NULL is not known.
 SCHEMA = (
@@ -31,7 +33,7 @@ SCHEMA = (
         id INTEGER PRIMARY KEY, started TEXT DEFAULT CURRENT_TIMESTAMP, versions TEXT, machine TEXT)""",
     f"""CREATE TABLE runs (
         task TEXT, suite TEXT, solver TEXT, settings_hash TEXT, code TEXT, run INTEGER, settings TEXT,
-        session INTEGER REFERENCES sessions (id), status TEXT, reason TEXT, traceback TEXT, repairs INTEGER,
+        session INTEGER REFERENCES sessions (id), status TEXT, reason TEXT, traceback TEXT, repairs INTEGER, fallbacks INTEGER DEFAULT 0,
         {", ".join(f"{name} REAL" for name in _SCORES)}, history BLOB, PRIMARY KEY ({", ".join(KEY)}))""",
     "CREATE TABLE tasks (task TEXT PRIMARY KEY, criteria TEXT)",
     """CREATE TABLE costs (
@@ -92,8 +94,9 @@ def to_row(key: Key, session: int, run: Mapping[str, Any]) -> tuple[Any, ...]:
     numbers = [float(run[name][j]) for name in _VECTORS for j in range(3)]
     numbers += [float(run[name]) for name in _SCALARS] + [float(value) for value in run["nees"]]
     history = zlib.compress(np.ascontiguousarray(run["history"], dtype="<f4").tobytes())
-    told = (key.settings, session, str(run["status"]), run["reason"], run["traceback"], int(run["repairs"]))
-    return (*key.values, int(run["run"]), *told, *(None if math.isnan(n) else n for n in numbers), history)
+    told = (str(run["status"]), run["reason"], run["traceback"], int(run["repairs"]), int(run["fallbacks"]))
+    head = (*key.values, int(run["run"]), key.settings, session)
+    return (*head, *told, *(None if math.isnan(n) else n for n in numbers), history)
 
 
 def of_row(row: Mapping[str, Any], criteria: Criteria) -> dict[str, Any]:

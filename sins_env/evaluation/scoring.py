@@ -114,6 +114,7 @@ class Records:
     reason: tuple[str, ...]  #: (R,) one line; empty where nothing went wrong
     traceback: tuple[str, ...]  #: (R,)
     repairs: NDArray[np.int64]  #: (R,) covariance repairs
+    fallbacks: NDArray[np.int64]  #: (R,) times that a safeguard replaced the estimator's own rule
     t_conv: Array  #: (R, 3) s; inf where censored; this and the other errors are NaN where they are not scored
     hold_max: Array  #: (R, 3) largest |error| of the last hold_s
     steady_mean: Array  #: (R, 3)
@@ -223,7 +224,7 @@ class Scorer:
         self.history = history
 
     def records(self, run: Sequence[int], **given: Any) -> Records:
-        """The scores. ``given``: any of the fields status, reason, traceback, repairs, heading, step_s."""
+        """The scores. ``given``: any of the fields status, reason, traceback, repairs, fallbacks, heading, step_s."""
         c, runs = self.criteria, len(run)
         if self.k != c.num_epochs:
             raise ValueError(f"{self.k} epochs were scored; allowed: all {c.num_epochs}")
@@ -249,6 +250,7 @@ class Scorer:
             reason=given.get("reason", reason),
             traceback=given.get("traceback", blank),
             repairs=np.asarray(given.get("repairs", np.zeros(runs)), dtype=np.int64),
+            fallbacks=np.asarray(given.get("fallbacks", np.zeros(runs)), dtype=np.int64),
             t_conv=t_conv,
             hold_max=hold_max,
             steady_mean=mean,

@@ -22,6 +22,7 @@ from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.rows import (
     COLUMNS,
     KEY,
+    MIGRATIONS,
     SCHEMA,
     SCHEMA_VERSION,
     Key,
@@ -66,11 +67,15 @@ class Store:
         empty = db.execute("SELECT count(*) FROM sqlite_master").fetchone() == (0,)
         if not empty and application != APPLICATION_ID:
             raise StoreError(f"{self.path}: a SQLite file, but not a results file of sins-env")
-        if not empty and version != SCHEMA_VERSION:
-            raise StoreError(f"{self.path}: results of schema {version}; this version reads schema {SCHEMA_VERSION}")
+        old = not empty and version in MIGRATIONS
+        if not (empty or old or version == SCHEMA_VERSION):
+            allowed = ", ".join(map(str, [*MIGRATIONS, SCHEMA_VERSION]))
+            raise StoreError(f"{self.path}: results of schema {version}; this version reads {allowed}")
         if read_only:
             if empty:
                 raise StoreError(f"{self.path}: an empty file, no results")
+            if old:
+                self._read_a_migrated_copy()
             return
         db.execute("PRAGMA journal_mode = WAL")
         with self._transaction():
@@ -79,6 +84,15 @@ class Store:
                     db.execute(statement)
                 db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
                 db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+            _migrate(db)
+
+    def _read_a_migrated_copy(self) -> None:
+        """A file that only is to be read stays as it is; its copy in memory gets the present schema."""
+        copy = _connect(":memory:")
+        self._db.backup(copy)
+        self._db.close()
+        self._db = copy
+        _migrate(copy)
 
     def __enter__(self) -> Store:
         return self
@@ -163,6 +177,16 @@ class Store:
             raise StoreError(f"{self.path}: rows of {key.solver} on {key.task} are damaged ({error})") from error
         settings = json.loads(key.settings)
         return Results(get_task(key.task), key.solver, settings, key.suite, records, Cost(*cost) if cost else None)
+
+
+def _migrate(db: sqlite3.Connection) -> None:
+    """Bring the tables to the present schema, step by step."""
+    (version,) = db.execute("PRAGMA user_version").fetchone()
+    while version in MIGRATIONS:
+        for statement in MIGRATIONS[version]:
+            db.execute(statement)
+        version += 1
+    db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 
 def _connect(target: str | Path) -> sqlite3.Connection:

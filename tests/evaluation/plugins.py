@@ -163,16 +163,16 @@ class BadCovariance(DeadReckoning):
 
 
 class Health:
-    def __init__(self, repairs, failed_at):
-        self.repairs, self.failed_at = np.array(repairs), np.array(failed_at)
+    def __init__(self, repairs, failed_at, fallbacks):
+        self.repairs, self.failed_at, self.fallbacks = np.array(repairs), np.array(failed_at), fallbacks
 
 
 class Ailing(DeadReckoning):
-    """Reports two repairs in the first run of a batch, and that it gave up the last at epoch 20."""
+    """Reports two repairs in the first run of a batch, five fallbacks in the second, and that it gave up the last at epoch 20."""
 
     def health(self):
         runs = len(np.atleast_2d(self.q))
-        return Health([2] + [0] * (runs - 1), [-1] * (runs - 1) + [20])
+        return Health([2] + [0] * (runs - 1), [-1] * (runs - 1) + [20], [0, 5, *[0] * runs][:runs])
 
 
 # What check_estimator must name.

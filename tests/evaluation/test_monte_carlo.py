@@ -138,6 +138,8 @@ def test_bad_covariance_and_health(short):
     found = run(short, "Ailing", 3)
     assert list(found.records.status) == ["ok", "ok", "frozen"]
     assert found.records.reason[2] == "the estimator gave up at 2.0 s"
+    np.testing.assert_array_equal(found.records.repairs, [2, 0, 0])
+    np.testing.assert_array_equal(found.records.fallbacks, [0, 5, 0])
     assert found.summary.counts["repaired"] == 1
     assert found.summary.failures == 2
 

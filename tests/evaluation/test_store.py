@@ -108,6 +108,39 @@ def test_someone_elses_sqlite_and_other_schema(tmp_path):
         Store(tmp_path / "n.sqlite")
 
 
+@pytest.fixture
+def old_file(tmp_path, results, key):
+    """As the first schema had it, with two rows."""
+    path = tmp_path / "old.sqlite"
+    with Store(path) as db:
+        db.add(key, dataclasses.replace(results.records, fallbacks=np.full(4, 9)))
+    db = sqlite3.connect(path)
+    db.execute("ALTER TABLE runs DROP COLUMN fallbacks")
+    db.execute("PRAGMA user_version = 1")
+    db.commit()
+    db.close()
+    return path
+
+
+def test_a_file_of_the_first_schema_is_read_and_left_as_it_is(old_file, results, key):
+    before = old_file.read_bytes()
+    with Store(old_file, read_only=True) as db:
+        found = db.results(key).records
+    np.testing.assert_array_equal(found.final, results.records.final)
+    np.testing.assert_array_equal(found.fallbacks, 0)
+    assert old_file.read_bytes() == before
+
+
+def test_a_file_of_the_first_schema_is_brought_up_to_date(old_file, results, key):
+    for _ in range(2):
+        with Store(old_file) as db:
+            db.add(dataclasses.replace(key, code="2"), dataclasses.replace(results.records, fallbacks=np.arange(4)))
+    with Store(old_file, read_only=True) as db:
+        assert db._db.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
+        np.testing.assert_array_equal(db.results(key).records.fallbacks, 0)
+        np.testing.assert_array_equal(db.results(dataclasses.replace(key, code="2")).records.fallbacks, range(4))
+
+
 def test_missing_and_empty(tmp_path):
     with pytest.raises(StoreError, match="no such results file"):
         Store(tmp_path / "r.sqlite", read_only=True)
