@@ -33,7 +33,8 @@ SCHEMA = (
         id INTEGER PRIMARY KEY, started TEXT DEFAULT CURRENT_TIMESTAMP, versions TEXT, machine TEXT)""",
     f"""CREATE TABLE runs (
         task TEXT, suite TEXT, solver TEXT, settings_hash TEXT, code TEXT, run INTEGER, settings TEXT,
-        session INTEGER REFERENCES sessions (id), status TEXT, reason TEXT, traceback TEXT, repairs INTEGER, fallbacks INTEGER DEFAULT 0,
+        session INTEGER REFERENCES sessions (id), status TEXT, reason TEXT, traceback TEXT,
+        repairs INTEGER, fallbacks INTEGER DEFAULT 0,
         {", ".join(f"{name} REAL" for name in _SCORES)}, history BLOB, PRIMARY KEY ({", ".join(KEY)}))""",
     "CREATE TABLE tasks (task TEXT PRIMARY KEY, criteria TEXT)",
     """CREATE TABLE costs (

@@ -36,6 +36,7 @@ VARIANTS = {
     },
     "unknown": {"start": "unknown", "coarse": 0.5, "imu": "navigation", "heading_deg": None},
     "static": {"env_id": STATIC, "latitude_deg": -60.0, "earth": "thesis"},
+    "any heading": {"any_heading": True, "prior": "thesis"},
     "fixed": {"misalignment_deg": [1, 1, 10], "imu": "perfect", "gps": "perfect"},
 }
 

@@ -15,6 +15,7 @@ from oracles.courses import (
     play,
     vector,
 )
+from scipy import stats
 
 from sins_env import attitude
 
@@ -40,6 +41,18 @@ def test_told_start_is_drawn_from_the_matched_prior():
     assert np.all(np.abs(errors.std(axis=0) / sigma - 1) < 3 / np.sqrt(2 * rows))
     assert np.all(np.abs(errors.mean(axis=0)) < 3 * sigma / np.sqrt(rows))
     assert np.abs(np.corrcoef(errors.T) - np.eye(6)).max() < 4 / np.sqrt(rows)
+
+
+@pytest.mark.parametrize("prior", ["matched", "thesis"])
+def test_any_heading_is_drawn_over_the_circle_and_told(prior):
+    rows = 2000
+    env, usual = vector(rows, any_heading=True, prior=prior, reveal_truth=True), vector(rows, prior=prior)
+    (_, info), (_, other) = env.reset(seed=0), usual.reset(seed=0)
+    phi = attitude.misalignment(info["start"]["q_nb"], info["truth"]["q_nb"])
+    assert stats.kstest(phi[:, 2], stats.uniform(-np.pi, 2 * np.pi).cdf).pvalue > 0.01
+    assert np.all(np.abs(phi[:, :2].std(axis=0) / np.radians(1.0) - 1) < 3 / np.sqrt(2 * rows))
+    assert_array_equal(info["start"]["vel"], other["start"]["vel"])  # all else is drawn as before
+    assert_allclose(np.sqrt(np.diag(env.unwrapped.task.prior.P0)[:3]), [*np.radians([1, 1]), np.pi / np.sqrt(3)])
 
 
 def test_sensor_errors_are_drawn_from_the_matched_prior():
@@ -160,6 +173,9 @@ BAD = [
         {"start": "unknown", "coarse": 1.0, "misalignment_deg": [1, 1, 1]},
         "misalignment_deg with start = 'unknown'",
     ),
+    ({"any_heading": 1}, "any_heading = 1; allowed: True or False"),
+    ({"any_heading": True, "start": "unknown", "coarse": 1.0}, "any_heading with start = 'unknown'"),
+    ({"any_heading": True, "misalignment_deg": [1, 1, 1]}, "allowed: with start = 'told' and a drawn misalignment"),
     ({"misalignment_deg": [1, 1]}, "allowed: three finite numbers"),
     ({"misalignment_deg": [1, 1, float("nan")]}, "allowed: three finite numbers"),
     ({"misalignment_deg": 5.0}, "allowed: three finite numbers"),

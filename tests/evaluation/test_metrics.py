@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from sins_env.evaluation import metrics, scoring
+from sins_env.evaluation import get_task, metrics, scoring
 from sins_env.evaluation.scoring import Criteria, Records, Scorer, score
 from sins_env.specs import ARCSEC
 
@@ -120,6 +120,28 @@ def test_divergence():
     assert metrics.failure_counts(records) == {
         "diverged": 2, "frozen": 0, "raised": 0, "lost": 0, "repaired": 0, "any": 2,
     }  # fmt: skip
+
+
+def test_a_heading_that_may_be_anything_is_judged_in_the_steady_state():
+    """The start may be 180 deg off; level errors and a lost heading at the end still count."""
+    lost = dataclasses.replace(CRITERIA, lost_heading=True)
+    e = np.zeros((4, K, 3))
+    e[0, :400, 2] = 3.0
+    e[1, :, 2] = 3.0
+    e[2, CRITERIA.coarse_epochs + 50, 0] = 0.6
+    e[3, CRITERIA.steady_from - 1, 2] = 1.6
+    assert list(score(e, None, lost).status) == ["ok", "diverged", "diverged", "diverged"]
+    assert list(score(e, None, CRITERIA).status) == ["diverged"] * 4
+
+
+def test_the_limits_follow_from_what_is_told():
+    for kwargs, limit, lost in (({}, (10, 10, 150), False), ({"any_heading": True}, (10, 10, 90), True)):
+        task = dataclasses.replace(get_task("sway-white-v0"), kwargs={"duration": 100.0, **kwargs})
+        env = task.make(1)
+        env.reset(seed=0)
+        criteria = Criteria.of(task, env.unwrapped.task)
+        np.testing.assert_allclose(np.degrees(criteria.limit), limit)
+        assert criteria.lost_heading is lost
 
 
 def test_a_run_that_ends_early_has_the_worst_errors_and_no_history():

@@ -10,6 +10,9 @@ from scipy import stats
 import sins_env  # noqa: F401
 import solvers
 from sins_env.specs import ARCSEC
+from solvers.filters.ckf import CKF
+from solvers.pipeline.aligner import Aligner
+from solvers.types import NoiseLaw
 
 SWAY = "SINS/AlignSway-v0"
 
@@ -154,6 +157,30 @@ def test_the_ins_starts_with_the_velocity_of_the_imu_not_of_the_antenna():
         obs, _, _, _, info = env.step(estimator.step(obs))
     apart = estimator._ins.nav.vel - info["truth"]["vel"]
     assert np.abs(apart).max() < 0.1  # five metres from the centre the antenna moves at up to 1.5 m/s
+
+
+@pytest.mark.parametrize(
+    ("gps", "law"),
+    [
+        ({}, None),
+        ({"contamination": 0.2, "contamination_factor": 10.0}, NoiseLaw(0.2, 10.0, 0.0)),
+        ({"heavy_tail_dof": 3.0}, NoiseLaw(0.0, 10.0, 3.0)),
+    ],
+)
+def test_the_filter_is_told_how_the_fixes_err(gps, law):
+    seen = []
+
+    class Listener(CKF):
+        def correct(self, b, me):
+            seen.append(me.law)
+            return super().correct(b, me)
+
+    env = gymnasium.make("SINS/AlignSway-v0", duration=0.5, gps={"lever_arm_m": [1.0, 0.0, 0.0], **gps})
+    obs, _ = env.reset(seed=0)
+    aligner = Aligner(Listener())
+    aligner.reset(env.unwrapped.task, None)
+    aligner.step(obs)
+    assert seen == [law]
 
 
 def test_the_filter_says_whether_the_loop_is_closed():
