@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sins_env.allan import Allan, Budget, allan_deviation, expected_allan
 from sins_env.imu import Imu
-from sins_env.recordings import Recording
+from sins_env.recordings import Recording, seconds
 from sins_env.specs import DEG_PER_H, UG, ImuSpec
 
 if TYPE_CHECKING:
@@ -82,12 +82,14 @@ def _cut(recording: Recording, window: tuple[float, float] | None) -> tuple[Arra
     first = round((start - recording.t0) * recording.rate_hz)
     last = first + round(length * recording.rate_hz)
     if not 0 <= first < last <= len(recording.dtheta):
-        raise ValueError(f"window = {window!r}; allowed: within {recording.t0:g} to {recording.end:g} s")
+        raise ValueError(f"window = {window!r}; allowed: within {seconds(recording.t0)} to {seconds(recording.end)} s")
     dtheta, dvel = recording.dtheta[first:last], recording.dvel[first:last]
     missing = np.flatnonzero(np.isnan(dtheta[:, 0]))
     if len(missing):
         at = start + missing[0] / recording.rate_hz
-        raise ValueError(f"{recording.name}: IMU samples are missing from {at:g} s on; allowed: windows without a gap")
+        raise ValueError(
+            f"{recording.name}: IMU samples are missing from {seconds(at)} s on; allowed: windows without a gap"
+        )
     return dtheta, dvel
 
 

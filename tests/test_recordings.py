@@ -19,7 +19,7 @@ def test_counts_layout(tmp_path):
     recording = load(files.counts(tmp_path / "car.npz"))
     assert (recording.name, recording.rate_hz, recording.t0, recording.end) == ("car", 100.0, 0.0, 10.0)
     assert_allclose(recording.dtheta[7], 4.8e-7 * np.array([7, 107, 207]), rtol=1e-15)
-    assert_allclose(recording.dvel[7], 1.2e-3 * np.array([3, 13, 7993]), rtol=1e-15)
+    assert_allclose(recording.dvel[7], 1.2e-5 * np.array([3, 13, 7993]), rtol=1e-15)
     assert_allclose(recording.site.pos, [np.radians(34.2), np.radians(108.9), 380.0])
     assert recording.gnss is None
     assert recording.lever_arm is None

@@ -35,6 +35,9 @@ class ReplayWorld(ChunkedWorld):
         self.settings = settings
         self.recording = recordings.load(settings.recording)
         self.scored = self.recording.reference is not None
+        if self.recording.gnss is not None and self.recording.gnss.vel is None:
+            allowed = 'fixes with velocities, or "velocity_from_positions": true in its mapping'
+            raise ValueError(f"{self.recording.name}: its fixes are positions only; allowed: {allowed}")
         if settings.start == "told" and not self.scored:
             raise ValueError("start = 'told'; allowed: 'unknown', the recording has no reference to start from")
         self.n_sub = settings.samples_per_epoch(self.recording.rate_hz)
@@ -113,6 +116,7 @@ class ReplayWorld(ChunkedWorld):
         half = self.windows.half_sample
         i = np.minimum(np.searchsorted(gnss.t_s, times - half), len(gnss.t_s) - 1)
         valid = (np.abs(gnss.t_s[i] - times) <= half)[..., None]
+        assert gnss.vel is not None
         return gnss.vel[i] * valid, gnss.pos[i] * valid, valid.astype(np.int8)
 
     def _truth(self, times: Array) -> NavState:

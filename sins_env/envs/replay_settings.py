@@ -58,7 +58,7 @@ class ReplaySettings:
         checks.choice("prior", self.prior, PRIORS)
         checks.choice("mode of this version", self.mode, MODES)
         if not self.recording or not isinstance(self.recording, (str, os.PathLike)):
-            raise checks.refused("recording", self.recording, "the path of an NPZ recording")
+            raise checks.refused("recording", self.recording, "the path of a recording")
         set_ = object.__setattr__
         set_(self, "epoch", check_epoch(self.epoch))
         set_(self, "coarse", check_coarse(self.coarse, self.start, 90.0))

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from sins_env.envs.settings import check_timing
-from sins_env.recordings import Recording
+from sins_env.recordings import Recording, seconds
 
 
 class Windows:
@@ -43,12 +43,12 @@ class Windows:
         if start < begin - slack or start + length > end + slack:
             by = "samples" if recording.reference is None else "samples and reference"
             raise ValueError(
-                f"window from {start:g} to {start + length:g} s of {recording.name}; allowed: within "
-                f"{begin:g} to {end:g} s, which {by} cover"
+                f"window from {seconds(start)} to {seconds(start + length)} s of {recording.name}; allowed: "
+                f"within {seconds(begin)} to {seconds(end)} s, which {by} cover"
             )
         count = 1 if stride is None else 1 + math.floor((end + slack - start - length) / stride)
-        seconds = start + np.arange(count) * (stride or 0.0)
-        self.first_samples = np.rint((seconds - recording.t0) * recording.rate_hz).astype(np.int64)
+        begins = start + np.arange(count) * (stride or 0.0)
+        self.first_samples = np.rint((begins - recording.t0) * recording.rate_hz).astype(np.int64)
         last = len(recording.dtheta) - self.num_epochs * n_sub
         self.first_samples = np.clip(self.first_samples, 0, last)
         self.starts = recording.t0 + self.first_samples / recording.rate_hz
@@ -78,8 +78,8 @@ class Windows:
             first = self.first_samples[window]
             at = self.recording.t0 + (first + np.argmax(missing[first:])) / self.recording.rate_hz
             raise ValueError(
-                f"{self.recording.name}: IMU samples are missing from {at:g} s on, inside the window from "
-                f"{self.starts[window]:g} s; allowed: windows without a gap"
+                f"{self.recording.name}: IMU samples are missing from {seconds(at)} s on, inside the window "
+                f"from {seconds(self.starts[window])} s; allowed: windows without a gap"
             )
 
     def _check_fixes(self) -> None:
@@ -106,8 +106,8 @@ class Windows:
                 break
         allowed = " or ".join(fits) or "fixes within half a sample of one"
         return (
-            f"{self.recording.name}: the fix at {start + fix:g} s is {abs(off):.3g} s off the end of "
-            f"an epoch of the window from {start:g} s; allowed: {allowed}"
+            f"{self.recording.name}: the fix at {seconds(start + fix)} s is {abs(off):.3g} s off the end of "
+            f"an epoch of the window from {seconds(start)} s; allowed: {allowed}"
         )
 
 

@@ -4,6 +4,7 @@ An estimator is seen only through its protocol: it gets observations and the pub
 name through the entry-point group ``sins_env.estimators`` or as ``package.module:Factory``.
 """
 
+from sins_env.evaluation.bounds import Bound
 from sins_env.evaluation.check import Check, check_estimator
 from sins_env.evaluation.episode import Course, run_episode
 from sins_env.evaluation.metrics import Summary
@@ -13,6 +14,7 @@ from sins_env.evaluation.tasks import TASKS, EvaluationTask, digest, get_task
 
 __all__ = [
     "TASKS",
+    "Bound",
     "Check",
     "Course",
     "EvaluationTask",

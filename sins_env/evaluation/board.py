@@ -82,6 +82,12 @@ def nees_text(summary: Summary) -> tuple[str, bool | None]:
     return ("inf" if math.isinf(last.mean) else number(last.mean / 3)), last.inside
 
 
+def bound_text(one: Results) -> tuple[str, bool | None]:
+    """Azimuth RMS over the bound, in brackets over what is only a reference; whether that is too good; '-': none."""
+    text = number(one.bound_ratio["U"])
+    return (f"({text})" if one.bound and not one.bound.holds else text), one.below_bound
+
+
 def cost_text(one: Results) -> str:
     return number(one.cost.ratio, 2) if one.cost and one.cost.ratio is not None else "-"
 
@@ -107,9 +113,25 @@ def footer(results: Sequence[Results]) -> str:
     ]
     if any(one.summary.nees for one in results):
         lines.append(f"NEES / 3 is 1 where the solver's covariance is right, 95 % band {_bands(results)}.")
+    lines += _bound_note(results)
     if any(one.summary.counts["raised"] + one.summary.counts["lost"] for one in results):
         lines.append("Runs that raised or were lost enter every score with the worst error from there on.")
     return "\n".join(lines + _spread_note(results))
+
+
+def _bound_note(results: Sequence[Results]) -> list[str]:
+    """What the column means, and who is too good to be true."""
+    bound = next((one.bound for one in results if one.bound), None)
+    if bound is None:
+        return []
+    text = "RMS / bound: of the azimuth, over the Cramér-Rao bound of estimators that know nothing of the motion"
+    lines = [text + ("." if bound.holds else "; in brackets, for it is only a reference here.")]
+    below = [one.label for one in results if one.below_bound]
+    if below:
+        lines.append(
+            f"Below the bound at the end (99.9 %): {', '.join(below)}: uses knowledge of the motion, leak or bug."
+        )
+    return lines
 
 
 def _bands(results: Sequence[Results]) -> str:
@@ -144,7 +166,7 @@ def _entry(one: Results) -> dict[str, Any]:
         "t_conv_median_s": _finite(s.t_conv_median_s),
         "rms": {axis: _finite(s.rms[axis]) for axis in "ENU"},
         "rms_ci": {axis: [_finite(end) for end in s.rms_ci[axis]] for axis in "ENU"},
-        "bound_ratio": None,
+        "bound_ratio": _finite(one.bound_ratio["U"]),
         "failures": s.failures,
         "cost_ratio": one.cost.ratio if one.cost else None,
     }
@@ -158,7 +180,8 @@ _COLUMNS = (
     "task", "suite", "rank", "solver", "settings", "runs", "success",
     "t_conv_median_s", "t_conv_low_s", "t_conv_high_s", "t_conv_restricted_mean_s",
     "rms_e_arcsec", "rms_e_low", "rms_e_high", "rms_n_arcsec", "rms_n_low", "rms_n_high",
-    "rms_u_arcsec", "rms_u_low", "rms_u_high", "nees_over_3", "nees_in_band", "spread_deg", "spread_runs",
+    "rms_u_arcsec", "rms_u_low", "rms_u_high", "bound_ratio_e", "bound_ratio_n", "bound_ratio_u", "bound_holds",
+    "below_bound", "nees_over_3", "nees_in_band", "spread_deg", "spread_runs",
     "diverged", "frozen", "raised", "lost", "repaired", "cost_us", "cost_p95_us", "cost_ratio",
 )  # fmt: skip
 
@@ -183,8 +206,19 @@ def as_csv(results: Iterable[Results]) -> str:
                 s.runs,
                 s.success,
             )
+            ratios = (*one.bound_ratio.values(), bool(one.bound.holds) if one.bound else None, one.below_bound)
             times = (s.t_conv_median_s, *s.t_conv_ci_s, s.t_conv_restricted_mean_s)
-            row = (*head, *times, *rms, *nees, s.spread_deg, s.spread_runs, *counts, *(one.cost or (None,) * 3))
+            row = (
+                *head,
+                *times,
+                *rms,
+                *ratios,
+                *nees,
+                s.spread_deg,
+                s.spread_runs,
+                *counts,
+                *(one.cost or (None,) * 3),
+            )
             writer.writerow(["" if isinstance(v, float) and math.isnan(v) else v for v in row])
     return out.getvalue()
 
@@ -204,14 +238,18 @@ def as_markdown(results: Iterable[Results]) -> str:
             'east RMS, "',
             'north RMS, "',
         ]
-        head += ["NEES / 3", "failures", "cost / ckf"] + (["spread, deg"] if group[0].task.windows else [])
+        bounded = any(one.bound for one in group)
+        head += (["RMS / bound"] if bounded else []) + ["NEES / 3", "failures", "cost / ckf"]
+        head += ["spread, deg"] if group[0].task.windows else []
         rows = [head, ["---:" if i != 1 else "---" for i in range(len(head))]]
         for rank, one in lines:
             s = one.summary
             cells = [str(rank) if s.scored else "-", one.label, str(s.runs), success_text(s)]
             cells += [_inline(seconds(s.t_conv_median_s), seconds_interval(s.t_conv_ci_s))]
             cells += [_inline(angle(s.rms[axis]), angle_interval(s.rms_ci[axis])) for axis in "UEN"]
+            ratio, below = bound_text(one)
             text, inside = nees_text(s)
+            cells += [ratio + (" (below)" if below else "")] if bounded else []
             cells += [text + (" (outside)" if inside is False else ""), failure_text(s)]
             cells += [cost_text(one)]
             rows.append(cells + ([" ".join(spread_text(s)).strip()] if group[0].task.windows else []))

@@ -21,6 +21,10 @@ DEFAULT_DB = "results.sqlite"
 CODES = "Exit code: 0, 1 for a failed run, 2 for wrong use, 130 for Ctrl-C."
 _FAILED = "failed epochs (an action that is not finite, or zero). A run that diverged is a result: 0."
 _RUN_CODES = f"Exit code 1: the run raised, was lost, was given up by the solver, or had {_FAILED}"
+_FORMATS = (
+    "Formats: npz (.npz), kfgins (.txt, with _gnss, _truth and .json), psins-imu (.imu), psins-mat (.mat), "
+    "csv (.csv, with a mapping .json)."
+)
 _EVAL_CODES = (
     f"Exit code 1: any run raised, was lost, or had {_FAILED} Runs given up by the solver are counted in the table."
 )
@@ -118,6 +122,33 @@ def parser() -> argparse.ArgumentParser:
     sub = verb("check", commands.check, "hold an estimator against the contract")
     sub.add_argument("solver", metavar="NAME|module:Factory")
     sub.add_argument("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting")
+
+    sub = verb("replay", commands.replay, "a solver on windows of any recording: heading, pitch, roll and their spread")
+    sub.add_argument("recording", metavar="FILE", help="of any format, or the mapping (.json) of one")
+    sub.add_argument("solver", metavar="SOLVER")
+    whole = "s on the recording's clock (default: all of it); may be repeated"
+    sub.add_argument(
+        "--window", type=float, nargs=2, action="append", default=[], metavar=("START", "LENGTH"), help=whole
+    )
+    sub.add_argument("--stride", type=float, metavar="S", help="as many windows as fit, each so much later")
+    sub.add_argument("--coarse", type=float, metavar="S", help="coarse phase (default 90 s)")
+    sub.add_argument("--epoch", type=float, metavar="S", help="of the navigation (default 0.1 s)")
+    sub.add_argument("--imu", metavar="NAME", help="IMU preset that the solver is told (default rlg-car)")
+    sub.add_argument("--seed", type=_seed, default=0, metavar="N", help="of solvers that draw")
+    sub.add_argument("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting")
+    sub.add_argument("--plot", metavar="FILE", help="draw heading, pitch, roll and their spread")
+
+    sub = verb("convert", commands.convert, "a recording in another format", _FORMATS)
+    sub.add_argument("source", metavar="IN")
+    sub.add_argument("target", metavar="OUT")
+    sub.add_argument("--format", metavar="NAME", help="of IN, where its ending does not say it")
+    sub.add_argument("--to", metavar="NAME", help="format of OUT, where its ending does not say it")
+    sub.add_argument("--mapping", metavar="FILE", help="what IN does not say of itself, as JSON (default: IN's .json)")
+    sub.add_argument("--axes", metavar="AXES", help="where x, y, z of IN point: FRD, RFU, FLU ... or +y+x-z")
+    sub.add_argument("--resample", type=float, metavar="HZ", help="to another rate; never done unasked")
+    sub.add_argument("--drop-duplicates", action="store_true", help="keep the first of samples with one stamp")
+    sub.add_argument("--velocity-from-positions", action="store_true", help="for fixes without velocities")
+    sub.add_argument("--force", action="store_true", help="overwrite OUT")
 
     sub = verb("bench", commands.bench, "speed of the whole chain and of its parts")
     sub.add_argument("solver", metavar="SOLVER", nargs="?", default="ckf")

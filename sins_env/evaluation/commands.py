@@ -16,6 +16,7 @@ from sins_env.evaluation import bench as speed
 from sins_env.evaluation import board as boards
 from sins_env.evaluation import monte_carlo, plots, registry, terminal
 from sins_env.evaluation.check import Check, check_estimator
+from sins_env.evaluation.converting import convert, replay
 from sins_env.evaluation.episode import EstimatorError, run_episode
 from sins_env.evaluation.executors import check_executor, runner
 from sins_env.evaluation.listing import describe, list_all
@@ -26,7 +27,7 @@ from sins_env.evaluation.store import Key, Store, canonical
 from sins_env.evaluation.tasks import EvaluationTask, get_task, suite_hash
 from sins_env.specs import ARCSEC, DEG
 
-__all__ = ["bench", "board", "check", "describe", "evaluate", "list_all", "run"]
+__all__ = ["bench", "board", "check", "convert", "describe", "evaluate", "list_all", "replay", "run"]
 
 
 def run(given: Namespace, console: Console) -> int:

@@ -18,6 +18,7 @@ from rich.table import Table
 from sins_env.envs import ALIGNMENT_IDS
 from sins_env.errors import unknown
 from sins_env.evaluation import registry
+from sins_env.evaluation.contents import describe_recording, is_recording
 from sins_env.evaluation.outcome import check_plot, save_figure, titled
 from sins_env.evaluation.progress import Bar
 from sins_env.evaluation.tasks import TASKS, EvaluationTask, suite_hash
@@ -99,8 +100,8 @@ def describe(given: Namespace, console: Console) -> int:
             found = _preset(kind, name, presets[name], console)
     if name in registry.names() or ":" in name:
         found = _solver(name, console)
-    if not found and (name.endswith(".npz") or Path(name).is_file()):
-        found = _recording(name, console)
+    if not found and is_recording(name):
+        found = describe_recording(name, console)
     if not found:
         everything = [*TASKS, *ALIGNMENT_IDS, *IMU_PRESETS, *GPS_PRESETS, *registry.names()]
         raise unknown("name", name, dict.fromkeys(everything))
@@ -176,31 +177,9 @@ def _solver(name: str, console: Console) -> bool:
     return True
 
 
-def _recording(name: str, console: Console) -> bool:
-    from sins_env import recordings
-
-    recording = recordings.load(name)
-    table = _table(recording.name, "", "")
-    site = recording.site
-    rows = {
-        "samples": f"{len(recording.dtheta)} at {recording.rate_hz:g} Hz",
-        "time": f"{recording.t0:g} to {recording.end:g} s",
-        "site": f"{np.degrees(site.latitude):.6f}, {np.degrees(site.longitude):.6f} deg, {site.height:g} m",
-        "GNSS": "none; a zero-velocity update stands in"
-        if recording.gnss is None
-        else f"{len(recording.gnss.t_s)} fixes",
-        "reference": "none" if recording.reference is None else f"{len(recording.reference.t_s)} attitudes",
-        "missing": f"{int(np.isnan(recording.dtheta[:, 0]).sum())} samples",
-    }
-    for key, text in rows.items():
-        table.add_row(key, text)
-    console.print(table)
-    return True
-
-
 def _check_allan(name: str, path: str) -> None:
     check_plot(path, "--allan")
-    if name not in IMU_PRESETS and not name.endswith(".npz"):
+    if name not in IMU_PRESETS and not is_recording(name):
         allowed = f"an IMU preset ({', '.join(IMU_PRESETS)}) or a recording"
         raise ValueError(f"--allan for {name!r}; allowed: {allowed}")
 

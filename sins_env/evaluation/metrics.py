@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from sins_env.evaluation.bounds import Bound
 from sins_env.evaluation.scoring import NEES_AT, Records
 from sins_env.specs import ARCSEC
 
@@ -25,6 +26,7 @@ CONFIDENCE = 0.95
 RESAMPLES = 4999
 SEED = 20110607  #: of the bootstrap: a table is the same whenever it is made
 NO_INTERVAL: Interval = (math.nan, math.nan)
+BELOW = 1e-3  #: how often an estimator at the bound is called below it
 
 
 def median_interval(times: Array) -> tuple[float, Interval]:
@@ -127,6 +129,53 @@ def success_profile(records: Records, points: int = 80) -> tuple[Array, Array, A
         deltas = delta * np.geomspace(0.03, 10.0, points)
         out += [deltas, (largest[:, None] <= deltas).mean(axis=0)]
     return out[0], out[1], out[2], out[3]
+
+
+def bound_ratio(records: Records, bound: Bound) -> dict[str, float]:
+    """RMS over runs and the steady state, over the bound's in the same epochs."""
+    rms = np.sqrt(np.square(records.steady_rms).mean(axis=0))
+    return _by_axis(rms / bound.steady)
+
+
+def below_bound(records: Records, bound: Bound) -> bool | None:
+    """Whether the azimuth at T is better than the bound allows; None: no verdict, it is but a reference.
+
+    One time and one axis, chosen beforehand. At the bound the sum of squares over its variance is chi-square; a value
+    below the ``BELOW`` quantile speaks of knowledge of the motion, a leak or a bug.
+    """
+    if not bound.holds:
+        return None
+    squares = float(np.square(records.final[:, 2] / bound.final[2]).sum())
+    return squares < float(stats.chi2.ppf(BELOW, len(records)))
+
+
+def paired_ratio(records: Records, reference: Records, at_end: bool = False, axis: int = 2) -> tuple[float, Interval]:
+    """RMS over that of a reference in the same runs, with its 95 % percentile-bootstrap interval over pairs.
+
+    Over the steady state, or at T. Where both follow the same noise the interval is several times narrower than that of
+    either RMS.
+
+    Raises:
+        ValueError: no run in common.
+    """
+    _, mine, its = np.intersect1d(records.run, reference.run, return_indices=True)
+    if not len(mine):
+        raise ValueError("runs of the two solvers; allowed: at least one in common")
+    squares = np.stack(
+        [
+            np.square((r.final if at_end else r.steady_rms)[rows, axis])
+            for r, rows in ((records, mine), (reference, its))
+        ]
+    )
+    rng = np.random.default_rng(SEED)
+    drawn = []
+    for count in _batches(len(mine)):
+        rows = rng.integers(len(mine), size=(count, len(mine)))
+        drawn.append(np.sqrt(squares[0][rows].sum(axis=1) / squares[1][rows].sum(axis=1)))
+    tail = 50 * (1 - CONFIDENCE)
+    low, high = np.percentile(np.concatenate(drawn), [tail, 100 - tail])
+    value = math.sqrt(squares[0].sum() / squares[1].sum())
+    return value, (float(low), float(high))
 
 
 def known_headings(records: Records) -> Array:

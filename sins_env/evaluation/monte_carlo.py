@@ -11,10 +11,11 @@ from itertools import pairwise
 from typing import Any
 
 from sins_env.evaluation import registry
+from sins_env.evaluation.bounds import Bound
 from sins_env.evaluation.cost import Cost, measure_cost
 from sins_env.evaluation.episode import Job, lost_records
 from sins_env.evaluation.executors import Processes, Runner, runner
-from sins_env.evaluation.metrics import Summary, summarise
+from sins_env.evaluation.metrics import Summary, below_bound, bound_ratio, summarise
 from sins_env.evaluation.scoring import Records
 from sins_env.evaluation.tasks import EvaluationTask, get_task, run_numbers, suite_hash
 
@@ -39,6 +40,22 @@ class Results:
     def summary(self) -> Summary:
         """Scores over the runs, with intervals."""
         return summarise(self.records)
+
+    @cached_property
+    def bound(self) -> Bound | None:
+        """Of the task; None where there is none, or where these scores are of other epochs than the task's."""
+        found = self.task.bound() if self.records.criteria.scored else None
+        return found if found and found.fits(self.records.criteria) else None
+
+    @cached_property
+    def bound_ratio(self) -> dict[str, float]:
+        """RMS over the bound by axis; NaN without one."""
+        return bound_ratio(self.records, self.bound) if self.bound else dict.fromkeys("ENU", math.nan)
+
+    @cached_property
+    def below_bound(self) -> bool | None:
+        """Whether the solver is better than the bound allows; None: no verdict."""
+        return below_bound(self.records, self.bound) if self.bound else None
 
     @property
     def label(self) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sins_env.evaluation.board import by_task, ranked
+from sins_env.evaluation.bounds import Bound
 from sins_env.evaluation.episode import Course
 from sins_env.evaluation.metrics import rms_band, success_profile
 from sins_env.evaluation.monte_carlo import Results
@@ -72,6 +73,10 @@ def error_figure(results: Sequence[Results]) -> Figure:
             deltas, success, _, _ = success_profile(one.records)
             profile.step(deltas / DEG, 100 * success, where="post", **style(i))
         task, criteria = group[0].task, lines[0].records.criteria
+        bound = next((one.bound for one in lines if one.bound), None)
+        if bound:
+            azimuth.plot(bound.t, bound.sigma[:, 2] / DEG, **_bound_style(bound))
+            level.plot(bound.t, np.sqrt(np.square(bound.sigma[:, :2]).mean(axis=1)) / ARCSEC, **_bound_style(bound))
         _axes(azimuth, "azimuth error, RMS over runs", xlabel="time, s", ylabel="deg", yscale="log")
         _axes(level, "level error, RMS over runs", xlabel="time, s", ylabel="arcsec", yscale="log")
         for axes, delta in ((azimuth, task.delta_azimuth_deg), (level, task.delta_level_arcsec)):
@@ -91,6 +96,14 @@ def error_figure(results: Sequence[Results]) -> Figure:
         place = {"loc": "outside lower center", "ncols": min(len(labels), 6)}
         part.legend(handles, labels, frameon=False, fontsize=9, handlelength=3.2, **place)
     return figure
+
+
+def _bound_style(bound: Bound, name: str = "Cramér-Rao bound") -> dict[str, Any]:
+    """Solid where it holds, dashed where it is a reference only."""
+    line = {"color": "black", "linewidth": 1.1, "zorder": 3}
+    if bound.holds:
+        return {"label": name, "linestyle": "-", **line}
+    return {"label": f"{name}, a reference only", "linestyle": (0, (4, 3)), **line}
 
 
 def _say_unscored(axes: Axes) -> None:
@@ -122,6 +135,7 @@ def run_figure(task: EvaluationTask, label: str, course: Course) -> Figure:
     criteria = course.records.criteria
     figure = _new(9.0, 7.2)
     panels = figure.subplots(3, 1, sharex=True)
+    bound = task.bound() if criteria.scored else None
     rows = (("azimuth", 2, DEG, "deg"), ("east", 0, ARCSEC, "arcsec"), ("north", 1, ARCSEC, "arcsec"))
     for axes, (name, j, unit, unit_name) in zip(panels, rows, strict=True):
         phi, sigma = course.phi[:, j] / unit, course.sigma[:, j] / unit
@@ -132,8 +146,13 @@ def run_figure(task: EvaluationTask, label: str, course: Course) -> Figure:
             axes.fill_between(course.t, -three, three, label="3 sigma, the estimator's own", **shade)
         axes.plot(course.t, phi, color=COLOURS[0], linewidth=1.3, label="error")
         for sign in (-1, 1):
-            told = {"label": "threshold"} if sign > 0 else {}
-            axes.axhline(sign * delta, color=COLOURS[1], linestyle="--", linewidth=1.0, **told)
+            told = {} if sign > 0 else {"label": "_"}
+            axes.axhline(
+                sign * delta, color=COLOURS[1], linestyle="--", linewidth=1.0, **{"label": "threshold", **told}
+            )
+            if bound:
+                limit = {**_bound_style(bound, "3 sigma of the Cramér-Rao bound"), "linewidth": 0.8, **told}
+                axes.plot(bound.t, 3 * sign * bound.sigma[:, j] / unit, **limit)
         last = f"   at the end {phi[-1]:+.3g} {unit_name}" if len(phi) and criteria.scored else ""
         title = f"{name} error{last}"
         if not criteria.scored:

@@ -12,7 +12,7 @@ import operator
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -22,6 +22,9 @@ from numpy.typing import NDArray
 import sins_env  # noqa: F401  registers the environments
 from sins_env.errors import unknown
 from sins_env.specs import ARCSEC, DEG
+
+if TYPE_CHECKING:
+    from sins_env.evaluation.bounds import Bound
 
 Array = NDArray[np.float64]
 
@@ -64,6 +67,12 @@ class EvaluationTask:
             raise ValueError(
                 f"runs = {runs} on {self.name}; allowed: up to {self.max_runs}, the windows of its recording"
             )
+
+    def bound(self) -> Bound | None:
+        """The Cramer-Rao bound; None where the truth is not simulated. The first call may take a second or two."""
+        from sins_env.evaluation import bounds  # builds on this module
+
+        return bounds.find(self)
 
     def make(self, num_envs: int, **more: Any) -> VectorEnv[Any, Any, Any]:
         """The native vector environment of ``num_envs`` runs.

@@ -15,6 +15,7 @@ from rich.text import Text
 from sins_env.evaluation.board import (
     angle,
     angle_interval,
+    bound_text,
     by_task,
     cost_text,
     failure_text,
@@ -41,7 +42,7 @@ class _Column:
 
 MOST_NAME, MOST_SETTING = 60, 24  #: characters of a line below "solver", and of a setting
 #: What a narrow terminal does without, in this order, until the table fits.
-_LESS = ("intervals of east and north", "cost", "east and north", "NEES", "median time", "failures")
+_LESS = ("intervals of east and north", "cost", "east and north", "NEES", "bound", "median time", "failures")
 
 
 def print_tables(results: Sequence[Results], console: Console) -> None:
@@ -57,7 +58,7 @@ def table(results: Sequence[Results], width: int = 100) -> RenderableType:
     and the lines below the table say which.
     """
     task, lines = results[0].task, ranked(results)
-    order = [part for part in _LESS if part != "NEES" or any(one.summary.nees for one in results)]
+    order = [part for part in _LESS if part not in _absent(results)]
     for less in range(len(order) + 1):
         found, room = _table(lines, _columns(results, order[:less]), width)
         if room >= max(_longest(one) for _, one in lines):
@@ -68,6 +69,12 @@ def table(results: Sequence[Results], width: int = 100) -> RenderableType:
         left_out = ", ".join(_said(order[:less]))
         notes += f"\nLeft out in {width} columns: {left_out}; a wider terminal or board --md shows all."
     return Group(title, found, Text(notes, style="dim"))
+
+
+def _absent(results: Sequence[Results]) -> set[str]:
+    """Columns that no line of the table could fill."""
+    there = {"NEES": any(one.summary.nees for one in results), "bound": any(one.bound for one in results)}
+    return {part for part, known in there.items() if not known}
 
 
 def _said(parts: Sequence[str]) -> list[str]:
@@ -94,12 +101,13 @@ def _columns(results: Sequence[Results], less: Sequence[str]) -> list[_Column]:
         _Column('azimuth\nRMS, "', rms("U")),
         _Column('east\nRMS, "', rms("E", level_ci), "east and north"),
         _Column('north\nRMS, "', rms("N", level_ci), "east and north"),
+        _Column("RMS /\nbound", lambda _, one: _bound(one), "bound"),
         _Column("NEES\n/ 3", lambda _, one: _nees(one.summary), "NEES"),
         _Column("failed", lambda _, one: _failures(one.summary), "failures"),
         _Column("cost\n/ ckf", lambda _, one: Text(cost_text(one)), "cost"),
         _Column("heading\nspread, °", lambda _, one: _stacked(*spread_text(one.summary))),
     ]
-    absent = set(less) | ({"NEES"} if not any(one.summary.nees for one in results) else set())
+    absent = set(less) | _absent(results)
     return [c for c in out if c.part not in absent and (results[0].task.windows or not c.heading.startswith("heading"))]
 
 
@@ -174,6 +182,11 @@ def _success(s: Summary) -> Text:
 
 def _stacked(value: str, below: str) -> Text:
     return Text.assemble(value, ("\n" + below, "dim")) if below else Text(value)
+
+
+def _bound(one: Results) -> Text:
+    text, below = bound_text(one)
+    return Text.assemble(text, ("\nbelow", "bold red")) if below else Text(text)
 
 
 def _nees(s: Summary) -> Text:

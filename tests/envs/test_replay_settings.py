@@ -153,10 +153,10 @@ def test_a_rate_that_is_not_the_recordings(driven):
 
 
 def test_a_recording_is_needed():
-    with pytest.raises(ValueError, match="recording = ''; allowed: the path of an NPZ recording"):
+    with pytest.raises(ValueError, match="recording = ''; allowed: the path of a recording"):
         gymnasium.make(REPLAY)
     for bad in (5, None, ["a.npz"], b"a.npz"):
-        with pytest.raises(ValueError, match=r"^recording = .*; allowed: the path of an NPZ recording"):
+        with pytest.raises(ValueError, match=r"^recording = .*; allowed: the path of a recording"):
             gymnasium.make(REPLAY, recording=bad)
     with pytest.raises(FileNotFoundError, match=r"no recording 'nowhere\.npz'"):
         gymnasium.make(REPLAY, recording="nowhere.npz")

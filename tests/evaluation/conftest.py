@@ -12,6 +12,14 @@ SHORT = dataclasses.replace(
 )
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _own_cache(tmp_path_factory):
+    """Bounds are kept apart from the user's; subprocesses find them, too."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 @pytest.fixture
 def short(monkeypatch):
     """Registered under its name for the time of a test."""

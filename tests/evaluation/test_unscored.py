@@ -24,7 +24,7 @@ def unscored(tmp_path, monkeypatch):
     """Three windows of 40 s of a synthetic recording, as a task."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
-    still = {"gyro_counts": np.ones((6000, 3), np.int16), "accel_counts": np.full((6000, 3), [0, 0, 81], np.int16)}
+    still = {"gyro_counts": np.ones((6000, 3), np.int16), "accel_counts": np.full((6000, 3), [0, 0, 8100], np.int16)}
     path = recorded.counts(tmp_path / "still.npz", 6000, ref_t_s=None, ref_q_b2n_wxyz=None, **still)
     kwargs = {"recording": path, "window": [0.0, 40.0], "stride": 5.0, "coarse": 5.0}
     task = EvaluationTask(

@@ -23,7 +23,7 @@ def counts(path, samples=1000, **changes):
         "gyro_counts": (k + np.array([0, 100, 200])).astype(np.int16),
         "accel_counts": (-k + np.array([10, 20, 8000])).astype(np.int16),
         "gyro_lsb_rad": np.float64(4.8e-7),
-        "accel_lsb_mps": np.float64(1.2e-3),
+        "accel_lsb_mps": np.float64(1.2e-5),
         "lat_deg": np.float64(34.2),
         "lon_deg": np.float64(108.9),
         "h_m": np.float64(380.0),

@@ -1,0 +1,206 @@
+"""``replay``: one solver on windows of any recording; heading, pitch, roll, and how far they scatter over the windows.
+
+Where the recording has a reference the scatter is that of the errors against it, else that of the angles themselves,
+which says something of a base that stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from sins_env import attitude
+from sins_env.evaluation import registry
+from sins_env.evaluation.episode import Guard
+from sins_env.evaluation.outcome import titled
+from sins_env.evaluation.tasks import is_scored
+from sins_env.recordings import heading_pitch_roll, seconds
+
+Array = NDArray[np.float64]
+
+ANGLES = ("heading", "pitch", "roll")
+MOST_ROWS = 24  #: windows that the table shows one by one
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Windows of one length on one recording. Angles in rad: heading in [0, 2 pi), pitch, roll; NaN where it failed."""
+
+    recording: str
+    solver: str
+    starts: Array  #: (W,) s on the recording's clock
+    t: Array  #: (K,) s in the window
+    coarse_s: float
+    angles: Array  #: (W, K, 3)
+    reference: Array | None  #: (W, K, 3)
+    failed: tuple[str, ...]  #: (W,) why a window failed; empty where it did not
+
+    @property
+    def scatter(self) -> Array:
+        """(W, K, 3) rad: errors against the reference, or else differences from the mean over the windows."""
+        if self.reference is not None:
+            return attitude.wrap(self.angles - self.reference)
+        good = self.angles[[not why for why in self.failed]]
+        return attitude.wrap(self.angles - mean_angle(good if len(good) else self.angles))
+
+    @property
+    def spread(self) -> Array:
+        """(K, 3) rad, standard deviation over the windows that did not fail; NaN for fewer than two."""
+        good = self.scatter[[not why for why in self.failed]]
+        return good.std(axis=0, ddof=1) if len(good) > 1 else np.full(self.angles.shape[1:], np.nan)
+
+
+def mean_angle(angles: Array) -> Array:
+    """Over the first axis, on the circle."""
+    return np.arctan2(np.sin(angles).mean(axis=0), np.cos(angles).mean(axis=0))
+
+
+def replay(
+    recording: str,
+    solver: registry.Solver,
+    windows: Sequence[tuple[float, float]] = (),
+    stride: float | None = None,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    env: Mapping[str, Any] | None = None,
+    seed: int = 0,
+    progress: Callable[[float, float, str], None] | None = None,
+) -> Replay:
+    """Play a solver on windows of a recording.
+
+    Args:
+        windows: (start, length) s each, all of one length; none is one window over all of the recording.
+        stride: s, for a single window: as many as fit, each so much later.
+        settings: of the solver.
+        env: further keyword arguments of ``SINS/Replay-v0``.
+        progress: called with seconds done, seconds in all, and a note.
+
+    Raises:
+        ValueError, FileNotFoundError: names, windows or settings that do not fit.
+        EstimatorError: the solver raised.
+    """
+    if len({length for _, length in windows}) > 1:
+        raise ValueError(f"windows of {len(windows)} lengths; allowed: one length for all")
+    if stride is not None and len(windows) != 1:
+        raise ValueError(f"stride with {len(windows)} windows; allowed: a single window, (start, length)")
+    batched = registry.make(solver, settings).batched
+    parts = [{"window": list(window)} for window in windows] or [{}]
+    made = [one for part in parts for one in _make(recording, {**part, **(env or {})}, stride, batched)]
+    public = made[0].unwrapped.task
+    total = public.duration_s * sum(one.num_envs for one in made)
+    played, done = [], 0.0
+    for one in made:
+
+        def report(part: float, note: str, before: float = done) -> None:
+            if progress:
+                progress(before + part, total, note)
+
+        played.append(_play(one, registry.make(solver, settings), seed, report))
+        done += public.duration_s * one.num_envs
+        one.close()
+    angles = np.concatenate([part[0] for part in played])
+    references = [part[1] for part in played if part[1] is not None]
+    return Replay(
+        made[0].unwrapped.episode.world.recording.name,
+        registry.solver_name(solver),
+        np.concatenate([one.unwrapped.episode.world.windows.starts for one in made]),
+        (1 + np.arange(public.num_epochs)) * public.epoch_s,
+        public.coarse_s,
+        angles,
+        np.concatenate(references) if references else None,
+        tuple(why for part in played for why in part[2]),
+    )
+
+
+def _make(recording: str, settings: Mapping[str, Any], stride: float | None, batched: bool) -> list[Any]:
+    """The vector environment of as many windows as there are; for a solver of single runs one for each."""
+
+    def make(count: int, **more: Any) -> Any:
+        return gymnasium.make_vec("SINS/Replay-v0", num_envs=count, recording=recording, **{**settings, **more})
+
+    env = make(1, **({} if stride is None else {"stride": stride}))
+    world, scored = env.unwrapped.episode.world, is_scored(env)
+    starts, length = world.windows.starts, env.unwrapped.task.duration_s
+    env.close()
+    if batched or len(starts) == 1:
+        return [make(len(starts), reveal_truth=scored, **({} if stride is None else {"stride": stride}))]
+    return [make(1, reveal_truth=scored, window=[float(start), length]) for start in starts]
+
+
+def _play(
+    env: Any, estimator: Any, seed: int, report: Callable[[float, str], None]
+) -> tuple[Array, Array | None, list[str]]:
+    """Angles (W, K, 3), the reference's, and why each window failed."""
+    count, task = env.num_envs, env.unwrapped.task
+    obs, _ = env.reset(seed=seed, options={"window": list(range(count))})
+    scored, guard = is_scored(env), Guard(estimator, count)
+    rngs = [np.random.default_rng([seed, row]) for row in range(count)]
+    guard.reset(env.unwrapped.task, rngs)
+    actions = np.empty((task.num_epochs, count, 4))
+    truth, bad = np.empty_like(actions), np.zeros(count, dtype=np.int64)
+    for k in range(task.num_epochs):
+        actions[k] = guard.step(obs)
+        obs, _, _, _, info = env.step(actions[k])
+        bad += info["failed"]
+        if scored:
+            truth[k] = info["truth"]["q_nb"]
+        if k % 10 == 9:
+            heading = np.degrees(_angles(actions[k, :1])[0, 0])
+            report((k + 1) * task.epoch_s * count, f"heading {heading:8.3f} deg" if np.isfinite(heading) else "")
+    _, _, frozen = guard.health()
+    why = [
+        f"{bad[i]} failed epochs"
+        if bad[i]
+        else f"gave up at {frozen[i] * task.epoch_s:.1f} s"
+        if frozen[i] >= 0
+        else ""
+        for i in range(count)
+    ]
+    reference = np.moveaxis(_angles(truth), 0, 1) if scored else None
+    return np.moveaxis(_angles(actions), 0, 1), reference, why
+
+
+def _angles(q: Array) -> Array:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = attitude.normalize(q)
+    lost = ~np.isfinite(unit).all(axis=-1, keepdims=True)
+    return np.where(lost, np.nan, heading_pitch_roll(np.where(lost, 0.5, unit)))
+
+
+def table(one: Replay) -> Table:
+    """A row per window, and what they say together."""
+    out = titled(f"{one.solver} on {one.recording}, at the end of each window")
+    out.add_column("window, s", no_wrap=True)
+    scored = one.reference is not None
+    for name in ANGLES:
+        out.add_column(f"{name}, deg", justify="right")
+    for name in ANGLES if scored else ():
+        out.add_column(f"{name} error, deg", justify="right")
+    last, error = np.degrees(one.angles[:, -1]), np.degrees(one.scatter[:, -1])
+    for i, start in enumerate(one.starts[:MOST_ROWS]):
+        cells = [f"{value:.3f}" for value in last[i]] + [f"{value:+.5f}" for value in error[i] if scored]
+        cells = [one.failed[i], *[""] * (len(cells) - 1)] if one.failed[i] else cells
+        out.add_row(f"{seconds(start)} to {seconds(start + one.t[-1])}", *cells, end_section=i + 1 == len(one.starts))
+    if len(one.starts) > MOST_ROWS:
+        out.add_row(f"... {len(one.starts) - MOST_ROWS} more", end_section=True)
+    good = [not why for why in one.failed]
+    if sum(good) > 1:
+        mean = np.degrees(mean_angle(one.angles[good][:, -1]))
+        mean[0] %= 360.0
+        spread = np.degrees(one.spread[-1])
+        if scored:
+            rms = np.sqrt(np.mean(error[good] ** 2, axis=0))
+            blank = ["", "", ""]
+            out.add_row("mean", *blank, *[f"{value:+.5f}" for value in error[good].mean(axis=0)])
+            out.add_row("spread (1 sigma)", *blank, *[f"{value:.5f}" for value in spread])
+            out.add_row("RMS", *blank, *[f"{value:.5f}" for value in rms])
+        else:
+            out.add_row("mean", *[f"{value:.3f}" for value in mean])
+            out.add_row("spread (1 sigma)", *[f"{value:.5f}" for value in spread])
+    return out

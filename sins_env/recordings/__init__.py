@@ -1,0 +1,41 @@
+"""Recordings in and out: increments, fixes and reference in the frames of this package, whatever the file's are.
+
+    load("drive.npz")                        one of the NPZ layouts (:mod:`sins_env.recordings.npz`)
+    load("Leador-A15.txt")                   KF-GINS text; GNSS and truth as Leador-A15.json names them
+    load("lasergyro.imu"), load("x.mat")     PSINS
+    load("imu.csv"), load("imu.json")        CSV, with a mapping (:mod:`sins_env.recordings.mapping`)
+    save(recording, "drive.txt")             the format of the ending
+
+Everything becomes one :class:`Recording`: Right-Forward-Up increments on one uniform clock. Gaps stay gaps (NaN);
+stamps that repeat or run back, units that cannot be, and files of the wrong form are one clear error with the file,
+the line or sample, what is there and what is allowed. Nothing is resampled unless it is asked for.
+"""
+
+from sins_env.recordings.axes import heading_pitch_roll, to_rfu
+from sins_env.recordings.clock import resample
+from sins_env.recordings.files import DATA_VARIABLE, FORMATS, format_of, left_out, load, save
+from sins_env.recordings.npz import LAYOUTS, Layout
+from sins_env.recordings.recording import Gap, Gnss, Recording, Reference, first_few, seconds
+from sins_env.recordings.summary import Summary, summarise
+
+__all__ = [
+    "DATA_VARIABLE",
+    "FORMATS",
+    "LAYOUTS",
+    "Gap",
+    "Gnss",
+    "Layout",
+    "Recording",
+    "Reference",
+    "Summary",
+    "first_few",
+    "format_of",
+    "heading_pitch_roll",
+    "left_out",
+    "load",
+    "resample",
+    "save",
+    "seconds",
+    "summarise",
+    "to_rfu",
+]

@@ -1,0 +1,66 @@
+"""Frames of other people's files: where the sensors' axes point, and North-East-Down for East-North-Up."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import attitude
+from sins_env.checks import refused
+
+Array = NDArray[np.float64]
+
+_UNIT = {"R": (1, 0, 0), "F": (0, 1, 0), "U": (0, 0, 1), "L": (-1, 0, 0), "B": (0, -1, 0), "D": (0, 0, -1)}
+_SIGNED = re.compile(r"([+-][xyz])([+-][xyz])([+-][xyz])")
+ALLOWED = (
+    "where x, y, z point, three letters of R L F B U D (FRD, RFU, FLU ...), or right, forward, up in terms of them "
+    "(+y+x-z for FRD); right-handed"
+)
+
+
+def to_rfu(axes: str) -> Array:
+    """(3, 3) matrix from a file's components to Right-Forward-Up.
+
+    ``axes``: where the file's x, y, z point, one letter each ("BRU": backward, right, up); or a signed permutation
+    that says which of them is right, forward and up ("+y-x+z", the same).
+
+    Raises:
+        ValueError: anything else, or axes that are not right-handed: a file of mirrored axes cannot tell whether
+            its gyros follow the right-hand rule.
+    """
+    text = axes if isinstance(axes, str) else ""
+    signed = _SIGNED.fullmatch(text.lower())
+    if signed:
+        turn = np.zeros((3, 3))
+        for row, part in enumerate(signed.groups()):
+            turn[row, "xyz".index(part[1])] = -1.0 if part[0] == "-" else 1.0
+    elif len(text) == 3 and set(text.upper()) <= _UNIT.keys():
+        turn = np.array([_UNIT[letter] for letter in text.upper()], dtype=float).T
+    else:
+        raise refused("axes", axes, ALLOWED)
+    if round(np.linalg.det(turn)) != 1:
+        raise refused("axes", axes, ALLOWED)
+    return turn
+
+
+def turned(vectors: Array, turn: Array) -> Array:
+    """``vectors @ turn.T`` for a signed permutation, without the copies and zeros of a product."""
+    column = np.abs(turn).argmax(axis=1)
+    return vectors[..., column] * turn[np.arange(3), column]
+
+
+def swap_ned(vectors: Array) -> Array:
+    """North-East-Down to East-North-Up and back, (..., 3)."""
+    return vectors[..., [1, 0, 2]] * np.array([1.0, 1.0, -1.0])
+
+
+def heading_pitch_roll(q_nb: Array) -> Array:
+    """(..., 3) rad: heading clockwise from north in [0, 2 pi), pitch nose up, roll right side down.
+
+    These are also yaw, pitch and roll of a Forward-Right-Down body in North-East-Down: the same three turns of the
+    same vehicle, named in other axes.
+    """
+    heading, pitch, roll = attitude.to_euler(attitude.to_dcm(q_nb))
+    return np.stack([heading % (2 * np.pi), pitch, roll], axis=-1)

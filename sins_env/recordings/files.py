@@ -1,0 +1,180 @@
+"""Finding, reading and writing recordings, by the ending of their names."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import os
+from collections.abc import Callable
+from collections.abc import Mapping as Dict
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from sins_env.checks import choice
+from sins_env.errors import unknown
+from sins_env.recordings import csv_files, kfgins, npz, psins
+from sins_env.recordings.mapping import Mapping, read_mapping, to_mapping
+from sins_env.recordings.recording import Recording
+from sins_env.recordings.units import check_plausible
+
+DATA_VARIABLE = "SINS_ENV_DATA"
+
+
+class Format(NamedTuple):
+    ending: str
+    load: Callable[[Path, Mapping], Recording]
+    save: Callable[[Recording, Path], list[Path]]
+    keys: tuple[str, ...]  #: of a mapping, besides those that all formats take
+    beside: tuple[str, ...] = ()  #: what the names of files with fixes and reference add to NAME; NAME.json maps them
+
+
+_ALL = ("format", "file", "axes", "resample_hz", "drop_duplicates")
+_TEXT = ("rate_hz", "site", "lever_arm_m", "gnss", "reference", "velocity_from_positions")
+_MAT = ("rate_hz", "site", "lever_arm_m", "velocity_from_positions")
+_CSV = (*_TEXT, "time", "gyro", "accel", "rates", "delimiter", "header")
+
+FORMATS = {
+    "npz": Format(".npz", npz.load, npz.save, ()),
+    "kfgins": Format(".txt", kfgins.load, kfgins.save, _TEXT, ("_gnss", "_truth")),
+    "psins-imu": Format(".imu", psins.load_imu, psins.save_imu, ("site",)),
+    "psins-mat": Format(".mat", psins.load_mat, psins.save_mat, _MAT),
+    "csv": Format(".csv", csv_files.load, csv_files.save, _CSV, ("_gnss", "_reference")),
+}
+
+
+def load(path: str | os.PathLike[str], *, format: str | None = None, mapping: Any = None, **settings: Any) -> Recording:
+    """The recording at ``path`` or, failing that, at ``$SINS_ENV_DATA/path``; each file is read once.
+
+    Args:
+        path: a file of any format in ``FORMATS``, or a mapping (``.json``) that names one.
+        format: one of ``FORMATS``; None is what the ending says.
+        mapping: a mapping's path, or its keys; None is NAME.json beside a KF-GINS text or a CSV, if it is there.
+        settings: single keys of the mapping, which replace those of ``mapping``: ``axes="FRD"``, ``resample_hz=100.0``,
+            ``drop_duplicates=True``, ``velocity_from_positions=True``, ...
+
+    Raises:
+        FileNotFoundError: no such file; says where it was sought and the nearest name there.
+        ValueError: a file that is not a recording, naming the file, what is wrong, and the sample or line.
+    """
+    found = _find(Path(path)).resolve()
+    data, kind, given = _with_mapping(found, format, mapping)
+    given |= {name: value for name, value in settings.items() if value is not None}
+    for key in given:
+        if key in Mapping.__dataclass_fields__ and key not in (*_ALL, *FORMATS[kind].keys):
+            raise unknown(f"key of a mapping of {kind} files", key, (*_ALL, *FORMATS[kind].keys))
+    whole = to_mapping(given, str(data))
+    beside = [data.parent / name for name in whole.companions()]
+    stamps = tuple(file.stat().st_mtime_ns for file in (data, *beside) if file.is_file())
+    return _load(data, kind, whole.text(), stamps)
+
+
+def _with_mapping(found: Path, format: str | None, mapping: Any) -> tuple[Path, str, dict[str, Any]]:
+    """The file with the data, its format, and the keys of its mapping."""
+    if format is not None:
+        choice("format", format, FORMATS)
+    data, given = found, {}
+    if isinstance(mapping, Dict):
+        given = dict(mapping)
+    elif mapping is not None:
+        given = read_mapping(_find(Path(mapping)))
+    elif found.suffix.lower() == ".json":
+        given = read_mapping(found)
+        name = given.get("file")
+        if not isinstance(name, str):
+            raise ValueError(f'{found}: no file named; allowed: a mapping with "file"')
+        data = found.parent / name
+        if not data.is_file():
+            raise FileNotFoundError(f"no file {str(data)!r}, which {found.name} names")
+    else:
+        beside = found.with_suffix(".json")
+        kind = format or format_of(found)
+        if FORMATS[kind].beside and beside.is_file():
+            given = read_mapping(beside)
+    named = given.get("format")
+    if named is not None:
+        choice("format", named, FORMATS)
+    return data, format or named or format_of(data), given
+
+
+def format_of(path: Path) -> str:
+    """The format that the ending of a name says.
+
+    Raises:
+        ValueError: an ending that is none.
+    """
+    for name, format in FORMATS.items():
+        if path.suffix.lower() == format.ending:
+            return name
+    endings = ", ".join(f"{format.ending} ({name})" for name, format in FORMATS.items())
+    raise ValueError(
+        f"{path}: no format has the ending {path.suffix!r}; allowed: {endings}, .json (a mapping), or format"
+    )
+
+
+def _find(path: Path) -> Path:
+    folder = os.environ.get(DATA_VARIABLE)  # empty is as good as unset
+    places = list(dict.fromkeys([path, Path(folder) / path] if folder else [path]))
+    for place in places:
+        if place.is_file():
+            return place
+    endings = {format.ending for format in FORMATS.values()} - {".txt"}  # most texts are no recordings
+    folders = [place.parent for place in places if place.parent.is_dir()]
+    names = sorted({p.name for there in folders for p in there.iterdir() if p.suffix.lower() in endings})
+    stems = {Path(name).stem: name for name in names}
+    near = difflib.get_close_matches(path.stem, list(stems), n=1, cutoff=0.6)
+    hint = f"; did you mean '{stems[near[0]]}'?" if near else f"; recordings there: {', '.join(names) or 'none'}"
+    unset = "" if folder else f" (${DATA_VARIABLE} is not set)"
+    sought = " and ".join(map(str, places))
+    raise FileNotFoundError(f"no recording {str(path)!r}; sought at {sought}{unset}{hint}")
+
+
+@lru_cache(maxsize=8)
+def _load(path: Path, kind: str, mapping: str, stamps: tuple[int, ...]) -> Recording:
+    """``stamps`` are part of the key: a file that has changed is read again."""
+    recording = FORMATS[kind].load(path, to_mapping(json.loads(mapping), str(path)))
+    check_plausible(path, recording.rate_hz, recording.dtheta, recording.dvel)
+    return recording
+
+
+def save(
+    recording: Recording, path: str | os.PathLike[str], *, format: str | None = None, overwrite: bool = False
+) -> list[Path]:
+    """Write a recording in the format that the ending says, or ``format``; the files written.
+
+    They appear only when all are whole. :func:`left_out` says what the format has no place for.
+
+    Raises:
+        ValueError: no such format.
+        FileExistsError: a file is there and ``overwrite`` is not set.
+        OSError: it cannot be written; nothing has changed then.
+    """
+    where = Path(path)
+    kind = format or format_of(where)
+    if kind not in FORMATS:
+        raise unknown("format", kind, FORMATS)
+    if not where.resolve().parent.is_dir():
+        raise FileNotFoundError(f"{where}: the directory does not exist")
+    there = [file for file in _targets(recording, where, kind) if file.exists()]
+    if there and not overwrite:
+        raise FileExistsError(f"{', '.join(map(str, there))} exists already; allowed: another name, or to overwrite it")
+    return FORMATS[kind].save(recording, where)
+
+
+def _targets(recording: Recording, path: Path, kind: str) -> list[Path]:
+    beside = FORMATS[kind].beside
+    parts = (recording.gnss, recording.reference)
+    names = [f"{path.stem}{more}{path.suffix}" for more, part in zip(beside, parts, strict=False) if part is not None]
+    return [path, *map(path.with_name, names), *([path.with_suffix(".json")] if beside else [])]
+
+
+def left_out(recording: Recording, format: str) -> list[str]:
+    """What a format has no place for, or stands in for, in words."""
+    gnss, ref = recording.gnss, recording.reference
+    out = []
+    if format == "psins-imu":
+        out += ["fixes"] * (gnss is not None) + ["reference"] * (ref is not None)
+        out += ["lever arm"] * (recording.lever_arm is not None)
+    if format == "psins-mat" and gnss is not None and (gnss.pos_std is not None or gnss.vel_std is not None):
+        out.append("standard deviations of the fixes")
+    return out

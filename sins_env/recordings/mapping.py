@@ -1,0 +1,129 @@
+"""Mapping files: what a recording's own files do not say (columns, units, axes, site, companions), as small JSON.
+
+Any format takes ``axes``, ``rate_hz``, ``resample_hz``, ``drop_duplicates``; text formats ``site``, ``lever_arm_m``,
+``gnss``, ``reference`` besides. A CSV needs columns and units, too::
+
+    {"format": "csv", "file": "imu.csv", "axes": "FRD", "site": [34.2, 108.9, 380.0],
+     "time": {"column": "t", "unit": "ms"},
+     "gyro": {"columns": ["wx", "wy", "wz"], "unit": "deg/s"},
+     "accel": {"columns": ["fx", "fy", "fz"], "unit": "g"},
+     "gnss": {"file": "gnss.csv", "time": {"column": 1}, "position": {"columns": [2, 3, 4], "unit": "deg"},
+              "velocity": {"columns": [5, 6, 7], "frame": "NED"}},
+     "reference": {"file": "truth.csv", "time": {"column": "t"},
+                   "attitude": {"columns": ["yaw", "pitch", "roll"], "unit": "deg"}}}
+
+Columns are names of the header line, or numbers from 1. Units say what is an increment (rad, deg, arcsec; m/s) and
+what is a rate (rad/s, deg/s, deg/h; m/s2, g, mg). A rate is held over the sample that its stamp ends; ``"rates":
+"trapezoid"`` is for values taken at the stamps themselves.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from sins_env import checks
+from sins_env.errors import build
+from sins_env.recordings.axes import to_rfu
+
+RATES = ("hold", "trapezoid")
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """One mapping. Files that it names are beside the recording's own.
+
+    Raises:
+        ValueError: a value out of its range, an unknown key (the nearest is offered).
+    """
+
+    format: str | None = None
+    file: str | None = None
+    axes: str | None = None
+    rate_hz: float | None = None
+    resample_hz: float | None = None
+    drop_duplicates: bool = False
+    velocity_from_positions: bool = False
+    site: tuple[float, ...] | None = None  #: deg, deg, m
+    lever_arm_m: tuple[float, ...] | None = None  #: along the file's axes
+    gnss: Any = None
+    reference: Any = None
+    time: Any = None
+    gyro: Any = None
+    accel: Any = None
+    rates: str = "hold"
+    delimiter: str = ","
+    header: bool | None = None
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__
+        if self.axes is not None:
+            to_rfu(self.axes)
+        for name in ("rate_hz", "resample_hz"):
+            given = getattr(self, name)
+            if given is not None:
+                set_(self, name, checks.number(name, given, "a positive number of Hz", above=0.0))
+        for name, allowed in (
+            ("site", "[latitude deg, longitude deg, height m]"),
+            ("lever_arm_m", "three numbers in m"),
+        ):
+            given = getattr(self, name)
+            if given is not None:
+                set_(self, name, checks.numbers(name, given, 3, allowed))
+        for name in ("drop_duplicates", "velocity_from_positions"):
+            checks.flag(name, getattr(self, name))
+        checks.choice("way to integrate rates", self.rates, RATES)
+        if not (isinstance(self.delimiter, str) and len(self.delimiter) == 1):
+            raise checks.refused("delimiter", self.delimiter, "one character")
+
+    def text(self) -> str:
+        """The same for equal mappings."""
+        return json.dumps(asdict(self), sort_keys=True)
+
+    def companions(self) -> list[str]:
+        """Files named beside the recording's own."""
+        parts = (self.gnss, self.reference)
+        return [name for part in parts if isinstance(name := part.get("file") if isinstance(part, dict) else part, str)]
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """The keys of a mapping file.
+
+    Raises:
+        ValueError: not a JSON object; the line is named.
+    """
+    try:
+        given = json.loads(path.read_text(encoding="utf-8-sig"))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{path}: line {error.lineno} is no JSON ({error.msg})") from error
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a text file") from error
+    if not isinstance(given, dict):
+        raise ValueError(f"{path}: a {type(given).__name__}; allowed: a JSON object, {{...}}")
+    return given
+
+
+def to_mapping(given: dict[str, Any], whose: str) -> Mapping:
+    """A mapping of keys.
+
+    Raises:
+        ValueError: begins with ``whose``.
+    """
+    try:
+        return build(Mapping, given, "a mapping")
+    except ValueError as error:
+        raise ValueError(f"{whose}: {error}") from None
+
+
+def companion(path: Path, name: str) -> Path:
+    """A file named in a mapping, beside the recording's.
+
+    Raises:
+        FileNotFoundError: it is not there.
+    """
+    found = path.parent / name
+    if not found.is_file():
+        raise FileNotFoundError(f"no file {str(found)!r}, which the mapping of {path.name} names")
+    return found

@@ -1,0 +1,191 @@
+"""What a recording contains, measured on its increments: forces and rates, spans at rest, a first guess of heading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import attitude, earth
+from sins_env.recordings.axes import heading_pitch_roll
+from sins_env.recordings.recording import Gap, Recording
+from sins_env.recordings.units import block_means
+
+Array = NDArray[np.float64]
+
+SUB_S, BLOCK_S = 0.1, 1.0  #: rest is judged by the spread of means over 0.1 s within seconds
+REST_FORCE, REST_RATE = 0.05, 0.005  #: m/s^2, rad/s: spread of each axis below which the base rests
+REST_LEAST_S = 5.0  #: shorter spans are not named
+GUESS_MOST_S, GUESS_LEAST_S = 300.0, 20.0
+MOVING_MPS = 0.5  #: a fix faster than this is no alignment on the spot
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Attitude at the start of a span on the spot, by gravity's drift in the inertial frame."""
+
+    start: float  #: s
+    end: float  #: s
+    angles: Array  #: (3,) rad heading, pitch, roll
+    halves: tuple[float, float]  #: rad, heading from either half alone, carried back to the start
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What :func:`summarise` found."""
+
+    force: tuple[float, float, float]  #: m/s^2, |f|: least, median, largest of means over seconds
+    rate: tuple[float, float, float]  #: rad/s, |w| likewise
+    gaps: list[Gap]
+    fix_rate_hz: float | None
+    fix_gaps: list[Gap]
+    reference_rate_hz: float | None
+    rest: list[tuple[float, float]]  #: s, spans at rest
+    guess: Guess | None  #: None where there is no span on the spot without a gap
+    reference_heading: float | None  #: rad, where the guess begins
+
+
+def summarise(recording: Recording) -> Summary:
+    """Measure a recording; a few passes over its increments."""
+    rate = recording.rate_hz
+    force, turn = (
+        np.linalg.norm(block_means(values, rate) * rate, axis=1) for values in (recording.dvel, recording.dtheta)
+    )
+    gnss, ref = recording.gnss, recording.reference
+    rest = _rest(recording)
+    guess = _guess(recording)
+    fix_step = None if gnss is None or len(gnss.t_s) < 2 else float(np.median(np.diff(gnss.t_s)))
+    heading = None
+    if guess is not None and ref is not None:
+        near = int(np.argmin(np.abs(ref.t_s - guess.start)))
+        heading = float(heading_pitch_roll(ref.q_nb[near])[0])
+    return Summary(
+        _range(force),
+        _range(turn),
+        recording.gaps,
+        None if fix_step is None else 1.0 / fix_step,
+        [] if gnss is None or fix_step is None else _missing(gnss.t_s, fix_step),
+        None if ref is None or len(ref.t_s) < 2 else float(1.0 / np.median(np.diff(ref.t_s))),
+        rest,
+        guess,
+        heading,
+    )
+
+
+def _range(values: Array) -> tuple[float, float, float]:
+    return float(values.min()), float(np.median(values)), float(values.max())
+
+
+def _missing(t: Array, step: float) -> list[Gap]:
+    """Stretches between stamps where at least one is missing."""
+    wide = np.flatnonzero(np.diff(t) > 1.5 * step)
+    return [Gap(float(t[i]), float(t[i + 1]), round(float(t[i + 1] - t[i]) / step) - 1) for i in wide]
+
+
+def _rest(recording: Recording) -> list[tuple[float, float]]:
+    """Spans whose every second is at rest."""
+    rate = recording.rate_hz
+    sub = max(round(SUB_S * rate), 1)
+    per_block = max(round(BLOCK_S * rate / sub), 2)
+    count = len(recording.dtheta) // (sub * per_block)
+    if count == 0:
+        return []
+    still = np.ones(count, dtype=bool)
+    for values, limit in ((recording.dvel, REST_FORCE), (recording.dtheta, REST_RATE)):
+        means = values[: count * per_block * sub].reshape(count, per_block, sub, 3).mean(axis=2) * rate
+        with np.errstate(invalid="ignore"):
+            still &= (means.std(axis=1) < limit).all(axis=1)  # False where samples are missing
+        mean = means.mean(axis=1)
+        calm = np.abs(np.diff(mean, axis=0)).max(axis=1) < 2 * limit
+        still[1:] &= calm
+    length = per_block * sub / rate
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
+    spans = [
+        (recording.t0 + float(a) * length, recording.t0 + float(b) * length)
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]
+    return [span for span in spans if span[1] - span[0] >= REST_LEAST_S]
+
+
+def _guess(recording: Recording) -> Guess | None:
+    """Over the first span on the spot without a gap, at most 300 s; the base may sway."""
+    first, last = _on_the_spot(recording)
+    rate = recording.rate_hz
+    if (last - first) / rate < GUESS_LEAST_S:
+        return None
+    start = recording.t0 + first / rate
+    q = inertial_alignment(recording, first, last)
+    middle = (first + last) // 2
+    late = inertial_alignment(recording, middle, last)
+    relative, _ = _carried(recording, first, middle)
+    whole, early = heading_pitch_roll(q), heading_pitch_roll(inertial_alignment(recording, first, middle))
+    # C_nb at the start from that at the middle: the earth turned meanwhile
+    w_ie = earth.rate_n(earth.get(recording.site.earth), recording.site.latitude)
+    turned = attitude.from_rotvec(w_ie * ((middle - first) / rate))
+    back = attitude.multiply(attitude.multiply(turned, late), attitude.conjugate(relative))
+    return Guess(start, recording.t0 + last / rate, whole, (float(early[0]), float(heading_pitch_roll(back)[0])))
+
+
+def _on_the_spot(recording: Recording) -> tuple[int, int]:
+    """Samples from the first that is there to the first gap, or to where fixes or the reference say it moves."""
+    rate = recording.rate_hz
+    first = int(np.argmax(~recording.missing))
+    gap = np.flatnonzero(recording.missing[first:])
+    last = first + (int(gap[0]) if len(gap) else len(recording.dtheta) - first)
+    moves = [recording.t0 + last / rate]
+    for part in (recording.gnss, recording.reference):
+        if part is not None and part.vel is not None:
+            fast = np.flatnonzero(np.linalg.norm(part.vel, axis=1) > MOVING_MPS)
+            moves += [float(part.t_s[fast[0]]) - 1.0] if len(fast) else []
+    most = min(min(moves), recording.t0 + first / rate + GUESS_MOST_S)
+    return first, max(min(last, int((most - recording.t0) * rate)), first)
+
+
+def _carried(recording: Recording, first: int, last: int) -> tuple[Array, Array]:
+    """Attitude at the end relative to the start, (4,), and the velocity (S, 3) that specific force has added by the end
+    of each second, in body axes frozen at the start."""
+    size = max(round(0.02 * recording.rate_hz), 1)  # 50 Hz is fine enough for a guess
+    count = max((last - first) // size, 1)
+    size = min(size, last - first)
+    dtheta, dvel = (
+        values[first : first + count * size].reshape(count, size, 3).sum(axis=1)
+        for values in (recording.dtheta, recording.dvel)
+    )
+    q = _running_product(attitude.from_rotvec(dtheta))
+    middle = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], q[:-1]])
+    half = attitude.multiply(middle, attitude.from_rotvec(0.5 * dtheta))
+    steps = np.matmul(attitude.to_dcm(half), dvel[..., None])[..., 0]
+    return q[-1], np.cumsum(steps, axis=0)
+
+
+def _running_product(q: Array) -> Array:
+    """q_1, q_1 q_2, q_1 q_2 q_3 ..., (n, 4): doubling the reach log2(n) times."""
+    q = q.copy()
+    reach = 1
+    while reach < len(q):
+        q[reach:] = attitude.multiply(q[:-reach], q[reach:])
+        reach *= 2
+    return attitude.normalize(q)
+
+
+def inertial_alignment(recording: Recording, first: int, last: int) -> Array:
+    """q_nb (4,) at sample ``first`` of a base that stays on the spot until ``last``. equations.md D.1, D.2.
+
+    Gravity's integral in body axes frozen at the start, against the same in the local frame frozen at the start, as
+    Wahba's problem over all its values.
+    """
+    _, v_b = _carried(recording, first, last)
+    t = (np.arange(len(v_b)) + 1) * ((last - first) / recording.rate_hz / len(v_b))
+    site, model = recording.site, earth.get(recording.site.earth)
+    w = earth.rate_n(model, site.latitude)
+    rate = float(np.linalg.norm(w))
+    axis = w / rate
+    up = np.array([0.0, 0.0, 1.0])
+    along = axis * (axis @ up)
+    across, third = up - along, np.cross(axis, up)
+    x = rate * t[:, None]
+    v_n = along * t[:, None] + across * np.sin(x) / rate + third * (1.0 - np.cos(x)) / rate
+    u, _, vt = np.linalg.svd(v_n.T @ v_b)
+    C = u @ np.diag([1.0, 1.0, np.linalg.det(u) * np.linalg.det(vt)]) @ vt
+    return attitude.from_dcm(C)

@@ -1,0 +1,185 @@
+"""Tables of numbers in text files: read fast, and where that fails, a line by line search for the reason."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_CHUNK = 20_000  #: rows formatted at once
+
+
+@dataclass(frozen=True)
+class Style:
+    """How a text file separates its numbers."""
+
+    comment: str = "#"
+    delimiter: str | None = None  #: None: white space, and commas too
+    header: bool = False  #: the first line that is no comment holds names
+
+    def fields(self, line: str) -> list[str]:
+        """The fields of a line; none if it is empty or a comment."""
+        body = line.partition(self.comment)[0].strip() if self.delimiter is None else line.rstrip("\r\n")
+        if not body.strip() or body.lstrip().startswith(self.comment):
+            return []
+        if self.delimiter is None:
+            return body.replace(",", " ").split()
+        return [part.strip() for part in body.split(self.delimiter)]
+
+
+@dataclass(frozen=True)
+class Table:
+    """The numbers of a file."""
+
+    path: Path
+    style: Style
+    rows: Array  #: (n, columns asked for), all finite
+
+    def place(self, row: int) -> str:
+        """Where a row stands in the file: 'line 17'."""
+        number, _ = next(islice(_lines(self.path, self.style), row, None))
+        return f"line {number}"
+
+
+def read_table(
+    path: Path, counts: Sequence[int] | None, style: Style = Style(), columns: Sequence[int] | None = None
+) -> Table:
+    """Every row of a file. ``counts``: how many columns a line may have (the same in each); None: as many as the first.
+
+    ``columns``: which to keep, from 0; None is all of them.
+
+    Raises:
+        ValueError: names the line, and the column, of what is no table of finite numbers.
+    """
+    first = next((fields for _, fields in _lines(path, style)), None)
+    if first is None:
+        raise ValueError(f"{path}: no rows of numbers")
+    width = len(first)
+    if counts is not None and width not in counts:
+        raise _explain(path, style, counts, columns) or AssertionError("unreachable")
+    try:
+        rows = _fast(path, style, columns)
+    except ValueError as error:
+        raise _explain(path, style, (width,), columns) or ValueError(f"{path}: {error}") from None
+    if not np.isfinite(rows).all() or (columns is not None and not _even(path, style, width)):
+        wrong = _explain(path, style, (width,), columns)
+        if wrong:
+            raise wrong
+    return Table(path, style, rows)
+
+
+def _even(path: Path, style: Style, width: int) -> bool:
+    """Whether every line has the same number of columns; NumPy does not look at those that are not asked for."""
+    if style.delimiter is None:
+        return all(len(fields) == width for _, fields in _lines(path, style))
+    separators = width - 1
+    with open(path, encoding="utf-8-sig", errors="replace") as stream:
+        return all(line.count(style.delimiter) == separators for line in stream if style.fields(line[:80]))
+
+
+def _fast(path: Path, style: Style, columns: Sequence[int] | None) -> Array:
+    with open(path, encoding="utf-8-sig", errors="replace") as stream, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of an empty file
+        lines: Any = stream
+        if style.delimiter is None and "," in stream.read(1 << 16):
+            lines = (line.replace(",", " ") for line in stream)
+        stream.seek(0)
+        skip = next(_lines(path, Style(style.comment, style.delimiter)))[0] if style.header else 0
+        rows = np.loadtxt(
+            lines, comments=style.comment, delimiter=style.delimiter, skiprows=skip, usecols=columns, ndmin=2
+        )
+    return np.asarray(rows)
+
+
+def header(path: Path, style: Style) -> list[str]:
+    """The fields of the first line that is no comment."""
+    return next((fields for _, fields in _lines(path, Style(style.comment, style.delimiter))), [])
+
+
+def _lines(path: Path, style: Style) -> Iterator[tuple[int, list[str]]]:
+    """Number and fields of each line that holds numbers."""
+    skip = style.header
+    with open(path, encoding="utf-8-sig", errors="replace") as stream:
+        for number, line in enumerate(stream, start=1):
+            fields = style.fields(line)
+            if fields and skip:
+                skip = False
+            elif fields:
+                yield number, fields
+
+
+def _explain(path: Path, style: Style, counts: Sequence[int], columns: Sequence[int] | None) -> ValueError | None:
+    """The first line at fault."""
+    allowed = " or ".join(map(str, counts))
+    found: ValueError | None = None
+    for number, fields in _lines(path, style):
+        if found is not None:
+            return found
+        if len(fields) not in counts:
+            found = ValueError(f"{path}: line {number} has {len(fields)} columns; allowed: {allowed}")
+            continue  # is it the last one?
+        for i in range(len(fields)) if columns is None else columns:
+            if not _finite(fields[i]):
+                text = f"{path}: line {number}, column {i + 1} is {fields[i][:40]!r}; allowed: a finite number"
+                return ValueError(text)
+    return ValueError(f"{found} (the last line: a truncated file?)") if found else None
+
+
+def _finite(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def write_rows(stream: IO[str], row: str, rows: Array) -> None:
+    """Format every row with the same %-format; %r is the shortest text that reads back to the same bits."""
+    for first in range(0, len(rows), _CHUNK):
+        part = rows[first : first + _CHUNK]
+        stream.write(row * len(part) % tuple(part.ravel().tolist()))
+
+
+@contextmanager
+def replacing(paths: Sequence[Path]) -> Iterator[list[Path]]:
+    """Temporary names beside ``paths`` to write to; all take their places at the end, or none of them does.
+
+    Raises:
+        OSError: one line that says what could not be written, and why.
+    """
+    temporary = [path.with_name(f".{path.name}.{os.getpid()}.part") for path in paths]
+    try:
+        yield temporary
+        for new, path in zip(temporary, paths, strict=True):
+            os.replace(new, path)
+    except OSError as error:
+        what = ", ".join(str(path) for path in paths)
+        raise OSError(f"{what} cannot be written: {error.strerror or error}") from error
+    finally:
+        for path in temporary:
+            with suppress(OSError):
+                path.unlink()
+
+
+def write_files(files: list[tuple[Path, str, Array]], mapping_path: Path, mapping: dict[str, Any]) -> list[Path]:
+    """Tables of (path, format of a row, rows) and their mapping: all of them or none."""
+    paths = [*(path for path, _, _ in files), mapping_path]
+    with replacing(paths) as new:
+        for target, (_, row, rows) in zip(new[:-1], files, strict=True):
+            with target.open("w", encoding="ascii", newline="\n") as stream:
+                head, newline, body = row.rpartition("\n")
+                stream.write(head + newline)
+                write_rows(stream, body + "\n", rows)
+        new[-1].write_text(json.dumps(mapping, indent=2) + "\n", encoding="ascii")
+    return paths
