@@ -114,6 +114,9 @@ def footer(results: Sequence[Results]) -> str:
     if any(one.summary.nees for one in results):
         lines.append(f"NEES / 3 is 1 where the solver's covariance is right, 95 % band {_bands(results)}.")
     lines += _bound_note(results)
+    helped = [f"{one.label} {number(one.summary.fallbacks)}" for one in results if one.summary.fallbacks]
+    if helped:
+        lines.append(f"Fallbacks per run, where a safeguard replaced the solver's own rule: {', '.join(helped)}.")
     if any(one.summary.counts["raised"] + one.summary.counts["lost"] for one in results):
         lines.append("Runs that raised or were lost enter every score with the worst error from there on.")
     return "\n".join(lines + _spread_note(results))
@@ -182,7 +185,7 @@ _COLUMNS = (
     "rms_e_arcsec", "rms_e_low", "rms_e_high", "rms_n_arcsec", "rms_n_low", "rms_n_high",
     "rms_u_arcsec", "rms_u_low", "rms_u_high", "bound_ratio_e", "bound_ratio_n", "bound_ratio_u", "bound_holds",
     "below_bound", "nees_over_3", "nees_in_band", "spread_deg", "spread_runs",
-    "diverged", "frozen", "raised", "lost", "repaired", "cost_us", "cost_p95_us", "cost_ratio",
+    "diverged", "frozen", "raised", "lost", "repaired", "fallbacks", "cost_us", "cost_p95_us", "cost_ratio",
 )  # fmt: skip
 
 
@@ -206,19 +209,10 @@ def as_csv(results: Iterable[Results]) -> str:
                 s.runs,
                 s.success,
             )
+            told = (*nees, s.spread_deg, s.spread_runs, *counts, s.fallbacks)
             ratios = (*one.bound_ratio.values(), bool(one.bound.holds) if one.bound else None, one.below_bound)
             times = (s.t_conv_median_s, *s.t_conv_ci_s, s.t_conv_restricted_mean_s)
-            row = (
-                *head,
-                *times,
-                *rms,
-                *ratios,
-                *nees,
-                s.spread_deg,
-                s.spread_runs,
-                *counts,
-                *(one.cost or (None,) * 3),
-            )
+            row = (*head, *times, *rms, *ratios, *told, *(one.cost or (None,) * 3))
             writer.writerow(["" if isinstance(v, float) and math.isnan(v) else v for v in row])
     return out.getvalue()
 

@@ -214,6 +214,7 @@ class Summary:
     spread_deg: float  #: of the final heading over runs; tells something only where the truth is the same
     spread_runs: int  #: that have a final heading; those that raised or were lost have none
     counts: dict[str, int]  #: of each failure: diverged, frozen, raised, lost, repaired
+    fallbacks: float  #: per run: times that a safeguard replaced the solver's own rule; no failure
     scored: bool = True  #: False without a reference: times, success and errors are NaN
 
     @property
@@ -261,6 +262,7 @@ def summarise(records: Records) -> Summary:
         spread_deg=math.degrees(heading_spread(headings)),
         spread_runs=len(headings),
         counts=failure_counts(records),
+        fallbacks=float(records.fallbacks.mean()),
         scored=c.scored,
     )
 

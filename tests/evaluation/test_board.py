@@ -87,6 +87,12 @@ def test_failures_and_nees_are_shown():
     text = text_of(terminal.table([one]))
     for part in ("2 diverged", "1 raised", "2 repaired", "10.0", "worst error"):
         assert part in text
+    assert "Fallbacks" not in text
+    helped = dataclasses.replace(one, records=dataclasses.replace(records, fallbacks=np.array([0, 0, 3, 4])))
+    assert helped.summary.failures == 4
+    assert "replaced the solver's own rule: ckf 1.75." in text_of(terminal.table([helped]))
+    (line,) = csv.DictReader(board.as_csv([helped]).splitlines())
+    assert float(line["fallbacks"]) == 1.75
     assert "10.0 (outside)" in board.as_markdown([one])
     assert "NEES" not in text_of(terminal.table([results("ckf", 800)]))
 
