@@ -7,7 +7,7 @@ what is allowed.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -20,42 +20,65 @@ def refused(name: str, given: object, allowed: str) -> ValueError:
     return ValueError(f"{name} = {given!r}; allowed: {allowed}")
 
 
+def keep(owner: object, name: str, check: Callable[..., Any], *args: Any, **limits: Any) -> None:
+    """Check one setting of a frozen dataclass, and keep it as ``check`` returns it.
+
+    keep(self, "gate", number, above=0.0, most=1.0), in ``__post_init__``.
+    """
+    object.__setattr__(owner, name, check(name, getattr(owner, name), *args, **limits))
+
+
 def number(
     name: str,
     given: Any,
-    allowed: str = "a finite number",
+    allowed: str | None = None,
     *,
     least: float = -math.inf,
     above: float = -math.inf,
     most: float = math.inf,
+    below: float = math.inf,
+    infinite: bool = False,
 ) -> float:
-    """A finite number within limits; neither a bool nor a string that looks like a number."""
-    if isinstance(given, bool) or not isinstance(given, (int, float, np.integer, np.floating)):
-        raise refused(name, given, allowed)
-    try:
-        value = float(given)
-    except OverflowError:  # of a huge int
-        value = math.inf
-    if not (math.isfinite(value) and least <= value <= most and value > above):
-        raise refused(name, given, allowed)
+    """A number within limits, finite unless ``infinite``; neither a bool nor a string that looks like a number."""
+    value = math.nan
+    if isinstance(given, (int, float, np.integer, np.floating)) and not isinstance(given, bool):
+        try:
+            value = float(given)
+        except OverflowError:  # of a huge int
+            value = math.inf
+    if value == math.inf and infinite:
+        return value
+    if not (math.isfinite(value) and least <= value <= most and above < value < below):
+        raise refused(name, given, allowed or _within(least, above, most, below, infinite))
     return value
 
 
-def whole(name: str, given: Any, allowed: str, *, least: int) -> int:
+def _within(least: float, above: float, most: float, below: float, infinite: bool) -> str:
+    """'a number > 0 and <= 1'."""
+    signs = {">=": least, ">": above, "<=": most, "<": below}
+    bounds = " and ".join(f"{sign} {limit:g}" for sign, limit in signs.items() if math.isfinite(limit))
+    noun = "a number" if infinite or min(most, below) < math.inf else "a finite number"
+    return f"{noun} {bounds}".rstrip() + (", or inf" if infinite else "")
+
+
+def whole(name: str, given: Any, allowed: str | None = None, *, least: int) -> int:
     """A whole number, ``30.0`` too."""
+    allowed = allowed or f"a whole number >= {least}"
     value = number(name, given, allowed, least=least)
     if value % 1:
         raise refused(name, given, allowed)
     return int(value)
 
 
-def numbers(name: str, given: Any, count: int, allowed: str, *, least: float = -math.inf) -> tuple[float, ...]:
-    """As many finite numbers in a list, tuple or array."""
+def numbers(
+    name: str, given: Any, count: int | None, allowed: str, *, least: float = -math.inf, above: float = -math.inf
+) -> tuple[float, ...]:
+    """As many finite numbers in a list, tuple or array; count None: at least one."""
     values = items(given)
-    if values is None or len(values) != count:
+    if not values or len(values) != (count or len(values)):
         raise refused(name, given, allowed)
     try:
-        return tuple(number(name, value, least=least) for value in values)
+        return tuple(number(name, value, least=least, above=above) for value in values)
     except ValueError:
         raise refused(name, given, allowed) from None
 

@@ -18,22 +18,24 @@ from sins_env.types import Estimator
 from solvers import filters
 from solvers.filters import register
 from solvers.pipeline.aligner import Aligner, CoarseAligner
+from solvers.pipeline.two_pass import TwoPass
 
 __all__ = ["describe", "make", "names", "register", "settings"]
 
 _PIPELINE = tuple(inspect.signature(Aligner).parameters)[1:]
-_COARSE = {"coarse_inertial": CoarseAligner}
+#: Complete estimators, not made around a filter of choice.
+_COMPLETE: dict[str, type] = {"coarse_inertial": CoarseAligner, "two_pass": TwoPass}
 
 
 def names() -> list[str]:
     """Every name that :func:`make` takes."""
-    return sorted([*filters.names(), *_COARSE])
+    return sorted([*filters.names(), *_COMPLETE])
 
 
 def settings(name: str) -> list[inspect.Parameter]:
     """What :func:`make` takes for ``name``, with defaults: the filter's own settings, then the pipeline's."""
-    if name in _COARSE:
-        return list(inspect.signature(_COARSE[name]).parameters.values())
+    if name in _COMPLETE:
+        return list(inspect.signature(_COMPLETE[name]).parameters.values())
     own = inspect.signature(filters.FILTERS[name]).parameters.values()
     pipeline = inspect.signature(Aligner).parameters
     return [p.replace(kind=p.KEYWORD_ONLY) for p in (*own, *(pipeline[key] for key in _PIPELINE))]
@@ -41,7 +43,7 @@ def settings(name: str) -> list[inspect.Parameter]:
 
 def describe(name: str) -> str:
     """The docstring of the filter or estimator ``name``."""
-    return inspect.getdoc(_COARSE.get(name) or filters.FILTERS[name]) or ""
+    return inspect.getdoc(_COMPLETE.get(name) or filters.FILTERS[name]) or ""
 
 
 def make(name: str, **given: Any) -> Estimator:
@@ -58,7 +60,7 @@ def make(name: str, **given: Any) -> Estimator:
     for key in given:
         if key not in allowed:
             raise unknown(f"setting of {name}", key, allowed)
-    if name in _COARSE:
-        return _COARSE[name](**given)
+    if name in _COMPLETE:
+        return _COMPLETE[name](**given)
     pipeline = {key: given.pop(key) for key in _PIPELINE if key in given}
     return Aligner(filters.make_filter(name, **given), **pipeline)

@@ -63,7 +63,7 @@ class Measurement(NamedTuple):
 
     z: Array  #: (..., m)
     h: Function
-    R: Array  #: (..., m, m), or (m, m) shared by all runs
+    R: Array  #: (..., m, m), or (m, m) shared by all runs; beyond 1e15 in runs without a fix, where others have one
     law: NoiseLaw | None = None  #: None: Gaussian
 
 

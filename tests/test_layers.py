@@ -29,7 +29,14 @@ LAYERS = (
     ("solvers",),
 )
 #: What the mathematics may use of the world.
-SHARED = ("sins_env.earth", "sins_env.attitude", "sins_env.types", "sins_env.errors", "sins_env.specs")
+SHARED = (
+    "sins_env.earth",
+    "sins_env.attitude",
+    "sins_env.types",
+    "sins_env.errors",
+    "sins_env.checks",
+    "sins_env.specs",
+)
 
 
 def module_name(path):

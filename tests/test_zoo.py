@@ -1,5 +1,7 @@
 """What every registered filter must do: be the Kalman filter on linear problems, and survive a lost run."""
 
+import json
+import math
 import pickle
 from dataclasses import FrozenInstanceError, fields
 
@@ -7,7 +9,18 @@ import numpy as np
 import pytest
 from oracles.dense_kalman import kalman
 from oracles.problems import linear, look, run_of, spd, swing
-from oracles.zoo import AS_KALMAN, REPAIRS_A_SINGULAR_PRIOR, exact, generators, is_batched, label, settings_of, zoo
+from oracles.zoo import (
+    AS_KALMAN,
+    PARTICLES,
+    REPAIRS_A_SINGULAR_PRIOR,
+    exact,
+    generators,
+    is_batched,
+    label,
+    repairs_a_singular_prior,
+    settings_of,
+    zoo,
+)
 
 from solvers.filters import FILTERS, make_filter, names
 from solvers.types import Gaussian, Linear, Measurement, Transition
@@ -124,6 +137,32 @@ def test_a_lost_run_freezes_alone(name, settings):
 
 
 @pytest.mark.parametrize(("name", "settings"), BATCHED)
+def test_a_run_without_a_fix_goes_on_as_if_alone(name, settings):
+    """Where other runs of the batch have a fix, its R is enormous; whatever the filter knows, it learns nothing."""
+    flt, batch = make_filter(name, **settings), (3,)
+    rng = np.random.default_rng(3)
+    x, P, z = rng.standard_normal((3, 4)), spd(rng, 3, 4), 0.5 * rng.standard_normal((20, 3, 2))
+    has = rng.random((20, 3)) < 0.6
+    has[:, 0], has[:3, 1], has[:2, 2] = True, False, [False, True]
+    if name == "augmented_aukf":
+        has[0] = True  # its points know the size of the fixes from the first one on
+    tr, R = Transition(swing, 0.05 * np.eye(4)), 0.5 * np.eye(2)
+    b = flt.init(Gaussian(x, P), generators(batch))
+    each = [flt.init(Gaussian(x[i], P[i]), own) for i, own in enumerate(generators(batch))]
+    for z_k, has_k in zip(z, has, strict=True):
+        wide = R + np.where(has_k, 0.0, 1e20)[:, None, None] * np.eye(2)
+        b, _ = flt.step(b, tr, Measurement(np.where(has_k[:, None], z_k, 0.0), look, wide))
+        for i in range(3):
+            each[i], _ = flt.step(each[i], tr, Measurement(z_k[i], look, R) if has_k[i] else None)
+    for i, one in enumerate(each):
+        for whole, alone in zip(flt.estimate(b), flt.estimate(one), strict=True):
+            np.testing.assert_allclose(whole[i], alone, rtol=1e-12, atol=1e-13)
+        for key, alone in flt.diagnostics(one).items():
+            np.testing.assert_allclose(flt.diagnostics(b)[key][i], alone, rtol=1e-11, atol=1e-13, err_msg=key)
+        assert (b.health.repairs[i], b.health.fallbacks[i]) == (one.health.repairs, one.health.fallbacks)
+
+
+@pytest.mark.parametrize(("name", "settings"), BATCHED)
 def test_a_run_without_a_prior_fails_at_once(name, settings):
     p = linear(4, 4, 2, batch=(3,), missing=0.0)
     flt = make_filter(name, **settings)
@@ -181,8 +220,8 @@ def test_relocation_moves_frozen_runs_and_freezes_those_it_loses(name, settings)
     flt = make_filter(name, **settings)
     p.z[0] = np.where(np.arange(3)[:, None] == 0, np.nan, 1.0) * np.ones(2)
     b = play(flt, p, z=p.z[:1])[0][0]
-    bad = np.array([1.0, 1.0, np.nan])[:, None]
-    moved = flt.relocate(b, lambda x: (x + 1.0) * bad, lambda x: np.eye(4))
+    bad = np.array([1.0, 1.0, np.nan])
+    moved = flt.relocate(b, lambda x: (x + 1.0) * bad.reshape(3, *[1] * (x.ndim - 1)), lambda x: np.eye(4))
     before, after = flt.estimate(b).mean, flt.estimate(moved).mean
     np.testing.assert_allclose(after, before + np.array([[1.0], [1.0], [0.0]]), rtol=0, atol=1e-14)
     np.testing.assert_array_equal(moved.health.failed_at, [1, -1, 1])
@@ -194,8 +233,7 @@ def test_a_singular_prior_works_and_repairs_are_counted(name, settings):
     p.P[1, 2:] = p.P[1, :, 2:] = 0.0  # biases known exactly at the start
     flt = make_filter(name, **settings)
     history = play(flt, p, opaque)
-    draws_from_cholesky = name in REPAIRS_A_SINGULAR_PRIOR and settings.get("root") != "svd"
-    np.testing.assert_array_equal(history[-1][0].health.repairs, [0, int(draws_from_cholesky), 0])
+    np.testing.assert_array_equal(history[-1][0].health.repairs, [0, int(repairs_a_singular_prior(name, settings)), 0])
     for i in range(3):
         x, P = kalman(*run_of(p, i))[0][-1]
         got = flt.estimate(history[-1][0])
@@ -246,15 +284,50 @@ def test_errors_name_what_is_allowed(name):
 @pytest.mark.parametrize(
     ("name", "settings", "message"),
     [
-        ("ukf", {"alpha": -1.0}, "alpha = -1.0: must be a finite number > 0"),
+        ("ukf", {"alpha": -1.0}, "alpha = -1.0; allowed: a finite number > 0"),
         ("ukf", {"root": "qr"}, "unknown root 'qr'"),
         ("ckf", {"root": "svdd"}, "unknown root 'svdd'; did you mean 'svd'"),
+        ("ckf", {"form": "qr"}, "unknown form 'qr'"),
+        (
+            "ckf",
+            {"form": "square-root", "root": "svd"},
+            "root = 'svd'; allowed: 'cholesky', for form = 'square-root' carries the triangular one",
+        ),
+        ("ckf5", {"root": "qr"}, "unknown root 'qr'"),
+        ("ddf1", {"interval": 0.0}, "interval = 0.0; allowed: a finite number > 0"),
+        ("ddf2", {"interval": 0.9}, "interval = 0.9; allowed: a finite number >= 1"),
         ("filterpy_ukf", {"beta": np.nan}, "beta = nan"),
     ],
 )
 def test_values_are_checked(name, settings, message):
     with pytest.raises(ValueError, match=message):
         make_filter(name, **settings)
+
+
+#: values that are no setting of any kind, and one that only looks like a number
+NO_SETTINGS = ["", "x", "2", {}, ["x"], [None], [[1]], b"x", math.nan, object()]
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_value_of_another_kind_is_one_clear_error(name):
+    for field in fields(FILTERS[name]):
+        others = [None] if "None" not in field.type else []
+        others += [True, False] if "bool" not in field.type else [0, 1]
+        for value in [*NO_SETTINGS, *others]:
+            if (field.name, value) == ("adapt", ""):
+                continue  # the parts of an empty string: none
+            with pytest.raises(ValueError, match=rf"^({field.name} = |{field.name}: |unknown {field.name} )"):
+                make_filter(name, **{field.name: value})
+
+
+@pytest.mark.parametrize("name", names())
+def test_settings_survive_json(name):
+    """A filter from JSON equals the one of Python values, and its hash too: lists become tuples."""
+    flt = make_filter(name)
+    given = {field.name: getattr(flt, field.name) for field in fields(flt)}
+    again = make_filter(name, **json.loads(json.dumps(given)))
+    assert again == flt
+    assert hash(again) == hash(flt)
 
 
 @pytest.mark.parametrize("name", [n for n in names() if not FILTERS[n].batched])
@@ -287,3 +360,48 @@ def test_diagnostics_are_arrays_per_run(name, settings):
             assert isinstance(key, str)
             assert value.shape[: len(batch)] == batch, key
             assert np.isfinite(value).all(), key
+
+
+@pytest.mark.parametrize("batch", [(), (3,)])
+@pytest.mark.parametrize("name", [n for n in names() if n not in PARTICLES and is_batched(n)])
+def test_a_state_and_a_fix_known_exactly_change_nothing(name, batch):
+    """P, Q and R all zero."""
+    flt, zero = make_filter(name), np.zeros((2, 2))
+    b = flt.init(Gaussian(np.ones((*batch, 2)), zero), generators(batch))
+    for _ in range(4):
+        me = Measurement(np.ones((*batch, 1)), Linear(np.ones((1, 2))), zero[:1, :1])
+        b, _ = flt.step(b, Transition(Linear(np.eye(2)), zero), me)
+    np.testing.assert_array_equal(b.health.failed_at, -1)
+    np.testing.assert_allclose(flt.estimate(b).mean, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(flt.estimate(b).cov, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+@pytest.mark.parametrize("name", [n for n in names() if n not in PARTICLES and is_batched(n)])
+def test_a_run_far_beyond_all_numbers_does_not_end_the_others(name, m):
+    """LAPACK raises on matrices that are not finite; nothing may get there."""
+    flt = make_filter(name)
+    x, z = np.ones((3, 3)), np.zeros((3, m))
+    x[1], z[2] = 1e160, 1e300
+    b = flt.init(Gaussian(x, np.eye(3)), generators((3,)))
+    for _ in range(4):
+        b, _ = flt.step(b, Transition(swing3, np.eye(3)), Measurement(z, Squares(m), np.eye(m)))
+    assert b.health.failed_at[0] == -1
+    one = flt.init(Gaussian(x[0], np.eye(3)), generators((3,))[0])
+    for _ in range(4):
+        one, _ = flt.step(one, Transition(swing3, np.eye(3)), Measurement(z[0], Squares(m), np.eye(m)))
+    np.testing.assert_allclose(flt.estimate(b).mean[0], flt.estimate(one).mean, rtol=1e-9, atol=1e-12)
+
+
+def swing3(x):
+    return x + 0.05 * np.sin(x)
+
+
+class Squares:
+    """x -> x + x^2 / 10 of the first m states."""
+
+    def __init__(self, m):
+        self.m = m
+
+    def __call__(self, x):
+        return x[..., : self.m] + 0.1 * x[..., : self.m] ** 2

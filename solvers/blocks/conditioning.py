@@ -9,10 +9,12 @@ Where rounding makes the result indefinite, the next square root repairs it and 
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
+from scipy import stats
 
-from solvers.blocks.square_root import Mask, cholesky
+from solvers.blocks.square_root import Mask, cholesky, symmetrize
 from solvers.types import Array, Gaussian, Innovation, Moments
 
 
@@ -21,9 +23,15 @@ def gain(predicted: Moments) -> tuple[Array, Array, Mask | None]:
 
     ``predicted`` is of z, so its covariance S includes R.
     """
-    inverse, repaired = _inverse_root(predicted.cov)
-    W = inverse @ predicted.cross.mT
-    return W.mT @ inverse, W, repaired
+    L, repaired = cholesky(predicted.cov)
+    return *root_gain(L, predicted.cross), repaired
+
+
+def root_gain(L: Array, cross: Array) -> tuple[Array, Array]:
+    """K (..., n, m) and W (..., m, n), W'W = K S K', from the lower root L of S and P_xy (..., n, m)."""
+    inverse = inverse_lower(L)
+    W = inverse @ cross.mT
+    return W.mT @ inverse, W
 
 
 def condition(prior: Gaussian, predicted: Moments, z: Array) -> tuple[Gaussian, Innovation, Mask | None]:
@@ -37,17 +45,43 @@ def condition(prior: Gaussian, predicted: Moments, z: Array) -> tuple[Gaussian, 
     return Gaussian(mean, prior.cov - W.mT @ W), Innovation(residual, predicted.cov), repaired
 
 
+def posterior_cov(prior: Gaussian, predicted: Moments, K: Array) -> Array:
+    """Covariance (..., n, n) of the error after an update with any gain K (..., n, m), the best or not.
+
+    The best gain K* leaves P - K* S K*', another adds (K - K*) S (K - K*)'. That is Joseph's
+    (I - K H) P (I - K H)' + K R K' with R = S - H P H', and does not need H.
+    """
+    best, W, _ = gain(predicted)
+    apart = K - best
+    return prior.cov - W.mT @ W + symmetrize(apart @ predicted.cov @ apart.mT)
+
+
 def nis(innovation: Innovation) -> Array:
     """Normalised innovation squared r' S^-1 r, shape (...); directions known exactly do not count."""
     return _squared(_inverse_root(innovation.cov)[0], innovation.residual)
 
 
+@cache
+def gate_limit(gate: float, m: int) -> float:
+    """The NIS that a good innovation of ``m`` components stays within with probability ``gate``; inf for 1."""
+    return float(stats.chi2.ppf(gate, m))
+
+
 def log_likelihood(innovation: Innovation) -> Array:
-    """log N(r; 0, S), shape (...). # 004 (9)"""
+    """log N(r; 0, S), shape (...); directions known exactly do not count. # 004 (9)"""
     inverse, _ = _inverse_root(innovation.cov)
-    log_pivots = np.log(np.diagonal(inverse, axis1=-2, axis2=-1)).sum(axis=-1)  # -log sqrt(det S)
+    pivots = np.diagonal(inverse, axis1=-2, axis2=-1)
+    log_pivots = np.log(np.where(pivots == 0.0, 1.0, pivots)).sum(axis=-1)  # -log sqrt(det S)
     m = innovation.residual.shape[-1]
     return log_pivots - 0.5 * (_squared(inverse, innovation.residual) + m * math.log(2.0 * math.pi))
+
+
+def inverse(P: Array) -> tuple[Array, Mask | None]:
+    """P^-1 (..., n, n) and the runs whose P was repaired; zero in the rows of states that are known exactly."""
+    known = np.diagonal(P, axis1=-2, axis2=-1) == 0.0
+    root, repaired = _inverse_root(P + known[..., None] * np.eye(P.shape[-1]))
+    root = np.where(known[..., None, :], 0.0, root)
+    return root.mT @ root, repaired
 
 
 def _squared(inverse: Array, residual: Array) -> Array:
@@ -57,8 +91,13 @@ def _squared(inverse: Array, residual: Array) -> Array:
 
 
 def _inverse_root(S: Array) -> tuple[Array, Mask | None]:
-    """L^-1 with S = L L'; a direction that is known exactly (zero row of S) gets zero, hence no gain."""
+    """L^-1 with S = L L', and the runs whose S was repaired."""
     L, repaired = cholesky(S)
+    return inverse_lower(L), repaired
+
+
+def inverse_lower(L: Array) -> Array:
+    """L^-1 of a lower L (..., m, m); a direction that is known exactly (zero row) gets zero, hence no gain."""
     pivots = np.diagonal(L, axis1=-2, axis2=-1)
     reciprocal = np.divide(1.0, pivots, out=np.zeros(pivots.shape), where=pivots != 0.0)
     inverse = np.zeros(L.shape)
@@ -67,4 +106,4 @@ def _inverse_root(S: Array) -> tuple[Array, Mask | None]:
         if i:
             row = (L[..., i : i + 1, :i] @ inverse[..., :i, :i])[..., 0, :]
             inverse[..., i, :i] = -reciprocal[..., i, None] * row
-    return inverse, repaired
+    return inverse

@@ -1,11 +1,12 @@
 """Gaussian mixtures: weights (..., G), means (..., G, n), covariances (..., G, n, n); G components per run.
 
-``spread`` lets a Gaussian filter written for runs (...) work on all components (..., G) at once.
+``spread`` lets what was written for runs (...) work on all components (..., G) at once.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,10 +27,12 @@ def normalise(log_weights: Array) -> tuple[Array, Array]:
 
 
 def collapse(weights: Array, x: Gaussian) -> Gaussian:
-    """The Gaussian with the mean and covariance of the mixture; the weights sum to one. # 004 (11-12), 3.5.21 corrected"""
+    """The Gaussian with the mean and covariance of the mixture; the weights sum to one. # 004 (11-12), 3.5.25-26 corrected"""
     mean = (weights[..., None, :] @ x.mean)[..., 0, :]
     apart = x.mean - mean[..., None, :]
-    cov = (weights[..., None, None] * x.cov).sum(axis=-3) + (apart * weights[..., None]).mT @ apart
+    *batch, G, n, _ = x.cov.shape
+    within = (weights[..., None, :] @ x.cov.reshape(*batch, G, n * n))[..., 0, :].reshape(*mean.shape, n)
+    cov = within + (apart * weights[..., None]).mT @ apart
     return Gaussian(mean, symmetrize(cov))
 
 
@@ -39,18 +42,23 @@ def merge(weights: Array, x: Gaussian) -> tuple[Array, Gaussian]:
     return total, collapse(weights / total[..., None], x)
 
 
-def split(x: Gaussian, count: int, omega: float = 0.5) -> Gaussian:
-    """``count`` components of equal weight along the largest principal axis, with the moments of ``x``. # 000 (3.5.16-20)
+def effective(weights: Array) -> Array:
+    """The number of components that matter, 1 / sum of squared weights (...)."""
+    number: Array = 1.0 / np.square(weights).sum(axis=-1)
+    return number
 
-    ``omega`` in [0, 1) is the share of that axis' variance that the means carry. Returns (..., count, n).
+
+def split(x: Gaussian, v: Array, count: int) -> Gaussian:
+    """``count`` components of equal weight, (..., count, n), with the moments of ``x``. # 000 (3.5.16-20)
+
+    Their means lie evenly along +-v (..., n) and carry the part v v' of the covariance, which must not exceed it;
+    000 takes v = sqrt(omega eta) V, with (eta, V) the largest eigenpair and omega in [0, 1).
     """
-    values, vectors = np.linalg.eigh(x.cov)
-    step = np.sqrt(omega * np.maximum(values[..., -1:], 0.0)) * vectors[..., :, -1]
     s = np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1)
-    s = s * (math.sqrt(count / (s @ s)) if count > 1 else 1.0)
-    taken = step if count > 1 else np.zeros_like(step)
-    mean = x.mean[..., None, :] + s[:, None] * taken[..., None, :]
-    cov = x.cov - taken[..., :, None] * taken[..., None, :]
+    s *= math.sqrt(count / max(float(s @ s), 1.0))  # mean square one
+    v = v if count > 1 else np.zeros_like(v)
+    mean = x.mean[..., None, :] + s[:, None] * v[..., None, :]
+    cov = x.cov - v[..., :, None] * v[..., None, :]
     return Gaussian(mean, np.repeat(cov[..., None, :, :], count, axis=-3))
 
 
@@ -67,25 +75,30 @@ class _Spread:
         y = self.g(x.reshape(*x.shape[: self.axes], -1, x.shape[-1]))  # (*batch, G, points, n)
         return y.reshape(*x.shape[:-1], y.shape[-1])
 
+    @property
+    def jacobian(self) -> Callable[[Array], Array] | None:
+        """That of g, if it has one."""
+        return getattr(self.g, "jacobian", None)
+
 
 def spread(g: Function, axes: int) -> Function:
     """``g`` for components: ``axes`` batch axes stand before theirs. ``Linear`` stays ``Linear``."""
     if not isinstance(g, Linear):
         return _Spread(g, axes)
-    matrix = g.matrix[..., None, :, :] if g.matrix.ndim > 2 else g.matrix
     offset = g.offset if g.offset is None or g.offset.ndim == 1 else g.offset[..., None, :]
-    return Linear(matrix, offset)
+    return Linear(widen(g.matrix), offset)
 
 
 def spread_transition(tr: Transition, axes: int) -> Transition:
     """``tr`` for components."""
-    return tr._replace(f=spread(tr.f, axes), Q=_widen(tr.Q))
+    return tr._replace(f=spread(tr.f, axes), Q=widen(tr.Q))
 
 
 def spread_measurement(me: Measurement, axes: int) -> Measurement:
     """``me`` for components: all of them see the same z."""
-    return me._replace(z=me.z[..., None, :], h=spread(me.h, axes), R=_widen(me.R))
+    return me._replace(z=me.z[..., None, :], h=spread(me.h, axes), R=widen(me.R))
 
 
-def _widen(matrix: Array) -> Array:
+def widen(matrix: Array) -> Array:
+    """A matrix per run (..., m, n) as one per component (..., 1, m, n); one (m, n) that all runs share stays."""
     return matrix[..., None, :, :] if matrix.ndim > 2 else matrix

@@ -11,7 +11,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from sins_env.errors import unknown
+from sins_env.checks import choice, keep
 from solvers.blocks.sigma_rules import PointRule, Points, points
 from solvers.blocks.square_root import ROOTS, Mask, symmetrize
 from solvers.types import Array, Function, Gaussian, Linear, Moments
@@ -64,8 +64,7 @@ class SigmaPoints:
     root: str = "cholesky"  #: "cholesky" or "svd"
 
     def __post_init__(self) -> None:
-        if self.root not in ROOTS:
-            raise unknown("root", self.root, ROOTS)
+        keep(self, "root", choice, ROOTS)
 
     def transform(self, g: Function, x: Gaussian) -> tuple[Gaussian, Mask | None]:
         p = points(self.rule, x.mean.shape[-1])
@@ -97,6 +96,19 @@ def draw(mean: Array, S: Array, p: Points) -> Array:
     np.add(x, step, out=chi[..., first : first + n, :])
     np.subtract(x, step, out=chi[..., first + n :, :])
     return chi
+
+
+def weigh(y: Array, p: Points) -> Gaussian:
+    """Mean (..., m) and covariance (..., m, m) of images y (..., points, m)."""
+    mean, cov, _ = _weigh(y, p)
+    return Gaussian(mean, cov)
+
+
+def weigh_pair(x: Array, y: Array, p: Points) -> Moments:
+    """Moments of y (..., points, m), and its cross covariance with x (..., points, n), images of the same points."""
+    n = x.shape[-1]
+    mean, cov, _ = _weigh(np.concatenate([x, y], axis=-1), p)
+    return Moments(mean[..., n:], cov[..., n:, n:], cov[..., :n, n:])
 
 
 def _weigh(y: Array, p: Points) -> tuple[Array, Array, Array]:

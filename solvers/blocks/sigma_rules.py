@@ -14,6 +14,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from sins_env.checks import keep, number, refused
 from solvers.types import Array
 
 
@@ -75,18 +76,13 @@ class Unscented:
     kappa: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("alpha", "beta", "kappa"):
-            if not isinstance(getattr(self, name), (int, float)):
-                raise ValueError(f"{name} = {getattr(self, name)!r}: must be a number")
-        if not (math.isfinite(self.alpha) and self.alpha > 0.0):
-            raise ValueError(f"alpha = {self.alpha!r}: must be a finite number > 0")
-        for name in ("beta", "kappa"):
-            if not math.isfinite(getattr(self, name)):
-                raise ValueError(f"{name} = {getattr(self, name)!r}: must be a finite number")
+        keep(self, "alpha", number, above=0.0)
+        keep(self, "beta", number)
+        keep(self, "kappa", number)
 
     def build(self, n: int) -> Points:
         if n + self.kappa <= 0.0:
-            raise ValueError(f"kappa = {self.kappa!r}: must be greater than -{n}, for there are {n} states")
+            raise refused("kappa", self.kappa, f"a number > -{n}, for there are {n} states")
         c = self.alpha**2 * (n + self.kappa)  # n + lambda
         xi = np.vstack([np.zeros(n), math.sqrt(c) * _axes(n)])
         wm = np.full(2 * n + 1, 0.5 / c)
@@ -95,6 +91,25 @@ class Unscented:
         wc[0] += 1.0 - self.alpha**2 + self.beta
         pull = self.beta + self.alpha**2 * self.kappa / n  # = wc[0] + total - 2 + 1 / total, not cancelled
         return Points(xi, wm, wc, centre=True, total=n / c, pull=pull, equal=0.5 / c, radius=math.sqrt(c))
+
+
+@dataclass(frozen=True)
+class FifthDegree:
+    """Fifth-degree spherical-radial rule, 2 n^2 + 1 points. Jia, Xin & Cheng (2013), # 003 (11-24), E.4
+
+    Exact to degree 5. The points on the axes weigh (4 - n) / (2 (n + 2)^2): nothing for n = 4 and less beyond, where
+    a covariance of images may come out indefinite. n = 1 is the Gauss-Hermite rule of three points.
+    """
+
+    def build(self, n: int) -> Points:
+        k, l = np.triu_indices(n, 1)
+        e = np.eye(n)
+        pairs = math.sqrt(0.5) * np.vstack([e[k] + e[l], e[k] - e[l]])
+        xi = math.sqrt(n + 2) * np.vstack([np.zeros(n), pairs, -pairs, _axes(n)])
+        wm = np.full(len(xi), 1.0 / (n + 2) ** 2)
+        wm[0] = 2.0 / (n + 2)
+        wm[-2 * n :] = (4.0 - n) / (2.0 * (n + 2) ** 2)
+        return Points(xi, wm, wm.copy(), centre=True, total=n / (n + 2), pull=2.0 / n, equal=None)
 
 
 def _axes(n: int) -> Array:

@@ -25,6 +25,16 @@ def symmetrize(P: Array) -> Array:
     return 0.5 * (P + P.mT)
 
 
+def either(a: Mask | None, b: Mask | None) -> Mask | None:
+    """The items of one mask or the other; None: none."""
+    return b if a is None else a if b is None else a | b
+
+
+def any_of(mask: Mask | None) -> Mask | None:
+    """The runs (...) of a mask over their components (..., G)."""
+    return None if mask is None else np.asarray(mask.any(axis=-1))
+
+
 def tria(M: Array) -> Array:
     """The lower triangular S (..., n, n), diagonal >= 0, with S S' = M M', for M (..., n, k), k >= n."""
     S = cast(Array, np.linalg.qr(M.mT, mode="r")).mT
@@ -49,7 +59,7 @@ def svd_root(P: Array) -> tuple[Array, Mask | None]:
 
     Not triangular. Only an indefinite P, beyond rounding, counts as repaired. # 003, E.4 "roots"
     """
-    finite = _finite_items(P)
+    finite = finite_items(P)
     eigenvalues, U = np.linalg.eigh(np.where(finite[..., None, None], P, 0.0))
     largest = eigenvalues[..., -1]
     repaired = eigenvalues[..., 0] < -FLOOR * np.abs(largest)
@@ -59,6 +69,43 @@ def svd_root(P: Array) -> tuple[Array, Mask | None]:
         S[lost] = np.nan
     repaired &= ~lost
     return S, repaired if repaired.any() else None
+
+
+def semidefinite_root(P: Array) -> tuple[Array, Mask | None]:
+    """A root S of a P that may be singular, such as a Q with zero rows; only an indefinite P counts as repaired.
+
+    Cholesky where it works, else the eigen root of the correlation matrix, which does not care about units.
+    """
+    diagonal = P * np.eye(P.shape[-1])
+    if (diagonal == P).all() and (diagonal >= 0.0).all():
+        return np.sqrt(diagonal), None
+    flat = np.ascontiguousarray(P).reshape(-1, *P.shape[-2:])
+    S, bad = np.empty_like(flat), np.zeros(len(flat), dtype=bool)
+    _factor(flat, S, bad)
+    if not bad.any():
+        return S.reshape(P.shape), None
+    scale, correlation = _correlation(flat[bad])
+    S[bad], clipped = svd_root(correlation)
+    S[bad] *= scale[..., None]
+    repaired = np.zeros_like(bad)
+    repaired[bad] = False if clipped is None else clipped
+    return S.reshape(P.shape), repaired.reshape(P.shape[:-2]) if repaired.any() else None
+
+
+def indefinite(P: Array, whole: Array | None = None) -> Mask | None:
+    """Which items (...) have a negative eigenvalue beyond rounding; None: none. One that is not finite does not count.
+
+    Eigenvalues are those of the correlation matrix, or of P scaled by the variances of ``whole`` (..., n, n), which P
+    came from by a subtraction.
+    """
+    try:
+        np.linalg.cholesky(P)
+    except np.linalg.LinAlgError:
+        finite = finite_items(P)
+        _, correlation = _correlation(np.where(finite[..., None, None], P, 0.0), whole)
+        negative = finite & (np.linalg.eigvalsh(correlation)[..., 0] < -FLOOR)
+        return negative if negative.any() else None
+    return None
 
 
 ROOTS: dict[str, Root] = {"cholesky": cholesky, "svd": svd_root}
@@ -71,7 +118,7 @@ def _cholesky_with_repairs(P: Array) -> tuple[Array, Mask | None]:
     bad = np.zeros(len(flat), dtype=bool)
     _factor(flat, S, bad)
     S[bad] = _clipped_factor(flat[bad])
-    repaired = bad & _finite_items(S)
+    repaired = bad & finite_items(S)
     return S.reshape(P.shape), repaired.reshape(P.shape[:-2]) if repaired.any() else None
 
 
@@ -90,18 +137,25 @@ def _factor(P: Array, S: Array, bad: Mask) -> None:
 
 def _clipped_factor(P: Array) -> Array:
     """The lower factor of P (B, n, n) with its negative part removed; NaN where nothing can be saved."""
-    finite = _finite_items(P)
-    P = np.where(finite[:, None, None], symmetrize(P), 0.0)
-    scale = np.sqrt(np.abs(np.diagonal(P, axis1=-2, axis2=-1)))
-    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
-    eigenvalues, U = np.linalg.eigh(inverse[:, :, None] * P * inverse[:, None, :])
+    finite = finite_items(P)
+    scale, correlation = _correlation(np.where(finite[:, None, None], P, 0.0))
+    eigenvalues, U = np.linalg.eigh(correlation)
     largest = eigenvalues[:, -1:]
     clipped = np.maximum(eigenvalues, FLOOR * np.maximum(largest, 0.0))
-    S = tria(scale[:, :, None] * U * np.sqrt(clipped)[:, None, :])
+    known = (scale == 0.0)[:, :, None] * np.eye(P.shape[-1])  # keeps their pivots to themselves in tria
+    S = scale[:, :, None] * tria(np.concatenate([U * np.sqrt(clipped)[:, None, :], known], axis=-1))
     lost = ~finite | ((largest[:, 0] <= 0.0) & (scale > 0.0).any(axis=-1))
     S[lost] = np.nan
     return S
 
 
-def _finite_items(P: Array) -> Mask:
+def _correlation(P: Array, whole: Array | None = None) -> tuple[Array, Array]:
+    """Deviations (..., n) of P, or of ``whole``, and P divided by them from both sides."""
+    scale = np.sqrt(np.abs(np.diagonal(P if whole is None else whole, axis1=-2, axis2=-1)))
+    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    return scale, inverse[..., :, None] * symmetrize(P) * inverse[..., None, :]
+
+
+def finite_items(P: Array) -> Mask:
+    """Which items (...) of P (..., n, n) are finite; LAPACK may raise on others, and end the whole batch."""
     return np.asarray(np.isfinite(P).all(axis=(-2, -1)))

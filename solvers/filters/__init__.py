@@ -7,7 +7,13 @@ Symbols: x, P mean and covariance, f, Q transition, z, h, R measurement, K gain,
 from solvers.filters.registry import FILTERS, make_filter, names, register
 
 # isort: split
-# importing a filter registers it
-from solvers.filters import kf, ekf, ukf, ckf, filterpy_adapter  # noqa: F401, I001
+# importing a filter registers it: the Gaussian family, adaptive, sums and models, H-infinity, robust, predictive, particles
+from solvers.filters import kf, ekf, ukf, ckf, ckf5, ddf, filterpy_adapter  # noqa: F401, I001
+from solvers.filters import aukf, augmented_aukf  # noqa: F401
+from solvers.filters import gsf_ekf, imm, asmugsf  # noqa: F401
+from solvers.filters import hinf, hinf_uif, mixed_hinf_ukf  # noqa: F401
+from solvers.filters import huber_ckf, mcc_ckf, student_t_ckf, gm_ekf  # noqa: F401
+from solvers.filters import mpf  # noqa: F401
+from solvers.filters import pf, gpf, cgpf, upf  # noqa: F401
 
 __all__ = ["FILTERS", "make_filter", "names", "register"]

@@ -18,6 +18,8 @@ import numpy as np
 from solvers.blocks.square_root import Mask
 from solvers.types import Array, Function, Gaussian, Health, Innovation, Measurement, Transition
 
+MISSING = 1e15  #: a variance in R beyond this marks a run without a fix, where others of the batch have one
+
 
 class AnyBelief(Protocol):
     @property
@@ -54,6 +56,7 @@ class BatchFilter(ABC, Generic[B]):
     def step(self, b: B, tr: Transition, me: Measurement | None) -> tuple[B, Innovation | None]:
         """Predict, then correct.
 
+        A run without a fix, where others of the batch have one, has a variance in R beyond ``MISSING``: it predicts.
         A run that turns non-finite is frozen at its last good belief and marked in ``health``; from then on
         its innovation is NaN. The other runs go on as if it were not there.
         """
@@ -61,8 +64,9 @@ class BatchFilter(ABC, Generic[B]):
             x = self.predict(b, tr)
             if me is None:
                 return settle(b, x), None
-            x, innovation = self.correct(x, me)
-            after = settle(b, x)
+            y, innovation = self.correct(x, me)
+            absent = np.asarray(me.R[..., 0, 0] >= MISSING)
+            after = settle(b, mixed(absent, x, y) if absent.any() else y)
         if after.health.frozen:
             innovation = _blank(innovation, after.health.failed_at >= 0)
         return after, innovation
@@ -113,6 +117,19 @@ def count(b: B, repairs: Mask | None = None, fallbacks: Mask | None = None) -> B
     return cast(Any, b)._replace(health=health)
 
 
+def mixed(where: Mask, other: B, b: B) -> B:
+    """``other`` with its counts in the runs of the mask (...), ``b`` in the rest."""
+    repairs = np.where(where, other.health.repairs, b.health.repairs)
+    fallbacks = np.where(where, other.health.fallbacks, b.health.fallbacks)
+    health = b.health._replace(repairs=repairs, fallbacks=fallbacks)
+    return cast(B, cast(Any, choose(where, other, b))._replace(health=health))
+
+
+def fall_back(where: Mask, b: B, other: B) -> B:
+    """``other`` in the runs of the mask (...), which are counted as fallbacks, ``b`` in the rest."""
+    return count(mixed(where, other, b), fallbacks=where)
+
+
 def settle(before: B, after: B) -> B:
     """The belief that follows ``before``: ``after`` where it is sound, ``before`` where it is not or was frozen."""
     epoch, _, failed_at, _, frozen = before.health
@@ -129,27 +146,27 @@ def _keep(before: B, after: B, well: Mask, health: Health) -> B:
     """``after`` in the runs that are well, ``before`` in the others, which fail now unless they failed before."""
     failed_at = np.where(well | (health.failed_at >= 0), health.failed_at, health.epoch)
     health = health._replace(failed_at=failed_at, frozen=bool((failed_at >= 0).any()))
-    return cast(Any, _select(well, after, before))._replace(health=health)
+    return cast(Any, choose(well, after, before))._replace(health=health)
 
 
-def _select(well: Mask, after: Any, before: Any) -> Any:
-    """Field by field ``after`` where ``well``, else ``before``."""
+def choose(well: Mask, after: Any, before: Any) -> Any:
+    """Field by field of NamedTuples ``after`` where ``well`` (...), else ``before``; health is that of ``after``."""
     if isinstance(after, Health):
         return after
     if isinstance(after, tuple):
-        parts = (_select(well, a, b) for a, b in zip(after, before, strict=True))
+        parts = (choose(well, a, b) for a, b in zip(after, before, strict=True))
         return type(after)(*parts) if hasattr(after, "_fields") else tuple(parts)
-    if isinstance(after, np.ndarray):
-        return np.where(well.reshape(*well.shape, *(1,) * (after.ndim - well.ndim)), after, before)
+    if isinstance(after, np.ndarray | np.generic):  # NumPy makes scalars of () arrays
+        return np.where(well.reshape((*well.shape, *(1,) * (after.ndim - well.ndim))), after, before)
     return after
 
 
 def _arrays(b: Any) -> Iterator[Array]:
     """The floating-point arrays of a belief."""
     for part in b:
-        if isinstance(part, np.ndarray):
+        if isinstance(part, np.ndarray | np.generic):
             if part.dtype.kind == "f":
-                yield part
+                yield cast(Array, part)
         elif isinstance(part, tuple) and not isinstance(part, Health):
             yield from _arrays(part)
 

@@ -13,22 +13,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from solvers.blocks.moments import SigmaPoints
 from solvers.blocks.sigma_rules import Cubature
-from solvers.filters.gaussian import GaussianFilter
 from solvers.filters.registry import register
+from solvers.filters.sigma_point import SigmaPointFilter
 
 
 @register("ckf")
 @dataclass(frozen=True)
-class CKF(GaussianFilter):
+class CKF(SigmaPointFilter):
     """The cubature Kalman filter."""
 
     root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
-
-    def __post_init__(self) -> None:
-        _ = self.rule  # checks the settings
+    form: str = "covariance"  #: "covariance" or "square-root", which carries a root of it and renews it by QR
 
     @cached_property
-    def rule(self) -> SigmaPoints:
-        return SigmaPoints(Cubature(), self.root)
+    def point_rule(self) -> Cubature:
+        return Cubature()

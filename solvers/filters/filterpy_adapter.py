@@ -89,7 +89,7 @@ class FilterpyFilter(ABC):
 @register("filterpy_kf")
 @dataclass(frozen=True)
 class FilterpyKF(FilterpyFilter):
-    """KalmanFilter with the tangents of f and h at the origin, as our ``kf``."""
+    """filterpy's KalmanFilter with the tangents of f and h at the origin, as our ``kf``."""
 
     feedback: ClassVar[str] = "closed"
 
@@ -109,7 +109,7 @@ class FilterpyKF(FilterpyFilter):
 @register("filterpy_ekf")
 @dataclass(frozen=True)
 class FilterpyEKF(FilterpyFilter):
-    """ExtendedKalmanFilter with the tangents at the mean, as our ``ekf``."""
+    """filterpy's ExtendedKalmanFilter with the tangents at the mean, as our ``ekf``."""
 
     def run(self, b: Belief, tr: Transition, me: Measurement | None) -> Any:
         n, m = b.mean.size, 1 if me is None else me.z.size
@@ -127,10 +127,10 @@ class FilterpyEKF(FilterpyFilter):
 @register("filterpy_ukf")
 @dataclass(frozen=True)
 class FilterpyUKF(FilterpyFilter):
-    """UnscentedKalmanFilter on MerweScaledSigmaPoints; 2.0 redraws its points after the prediction."""
+    """filterpy's UnscentedKalmanFilter on MerweScaledSigmaPoints; 2.0 redraws its points after the prediction."""
 
     alpha: float = 1.0  #: spread of the points, > 0
-    beta: float = 0.0  #: 2 knows of a Gaussian's fourth moment
+    beta: float = 0.0  #: 2 knows of a Gaussian's fourth moment, 0 nothing beyond the covariance
     kappa: float = 0.0  #: second spread parameter, > -n
 
     def __post_init__(self) -> None:

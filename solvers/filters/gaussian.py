@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, TypeVar, cast
 
+import numpy as np
+
 from solvers.blocks.conditioning import condition
 from solvers.blocks.moments import MomentRule, moments, transform
 from solvers.blocks.square_root import symmetrize
@@ -40,6 +42,10 @@ class GaussianFilter(BatchFilter[B]):
     def init(self, prior: Gaussian, rng: Any = None) -> B:
         """The belief at the start; a run whose prior is not finite failed at epoch 0. ``rng`` is not used."""
         return cast(B, initial_belief(prior))
+
+    def process_noise(self, b: B, tr: Transition) -> Gaussian:
+        """w of the next epoch as the filter takes it, mean (..., n) and covariance (..., n, n): as told."""
+        return Gaussian(np.zeros_like(b.mean), np.broadcast_to(tr.Q, b.cov.shape))
 
     def predict(self, b: B, tr: Transition) -> B:
         """The belief one epoch later."""

@@ -16,25 +16,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from solvers.blocks.moments import SigmaPoints
 from solvers.blocks.sigma_rules import Unscented
-from solvers.filters.gaussian import GaussianFilter
 from solvers.filters.registry import register
+from solvers.filters.sigma_point import SigmaPointFilter
 
 
 @register("ukf")
 @dataclass(frozen=True)
-class UKF(GaussianFilter):
+class UKF(SigmaPointFilter):
     """The unscented Kalman filter; the default settings make it the cubature filter."""
 
     alpha: float = 1.0  #: spread of the points, > 0
     beta: float = 0.0  #: 2 knows of a Gaussian's fourth moment, 0 nothing beyond the covariance
     kappa: float = 0.0  #: second spread parameter, > -n
     root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
-
-    def __post_init__(self) -> None:
-        _ = self.rule  # checks the settings
+    form: str = "covariance"  #: "covariance" or "square-root", which carries a root of it and renews it by QR
 
     @cached_property
-    def rule(self) -> SigmaPoints:
-        return SigmaPoints(Unscented(self.alpha, self.beta, self.kappa), self.root)
+    def point_rule(self) -> Unscented:
+        return Unscented(self.alpha, self.beta, self.kappa)

@@ -52,6 +52,21 @@ def test_nis_and_log_likelihood(m):
     assert nis(Innovation(r[0], predicted.cov[0])).shape == ()
 
 
+@pytest.mark.parametrize("known", [[0], [1], [0, 2], [1, 3]])
+def test_what_is_known_exactly_leaves_the_gain_of_the_rest(known):
+    """Wherever it stands: a zero row of S before others must not move their pivots."""
+    rng = np.random.default_rng(sum(known))
+    S, cross = spd(rng, 5), rng.standard_normal((3, 5))
+    S[known, :] = S[:, known] = cross[:, known] = 0.0
+    rest = [i for i in range(5) if i not in known]
+    K, W, repaired = gain(Moments(np.zeros(5), S, cross))
+    expected = cross[:, rest] @ np.linalg.inv(S[np.ix_(rest, rest)])
+    np.testing.assert_allclose(K[:, rest], expected, atol=1e-12)
+    np.testing.assert_array_equal(K[:, known], 0.0)
+    np.testing.assert_allclose(W.T @ W, expected @ cross[:, rest].T, atol=1e-12)
+    assert repaired
+
+
 def test_what_is_known_exactly_gets_no_gain():
     """A noiseless measurement of a state without variance: S = 0 for it, and the other states do not care."""
     P = np.diag([0.0, 2.0])

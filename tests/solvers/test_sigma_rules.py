@@ -1,6 +1,5 @@
 import math
-from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
@@ -8,29 +7,15 @@ from filterpy.kalman import MerweScaledSigmaPoints
 from oracles.problems import look, spd
 
 from solvers.blocks.moments import SigmaPoints
-from solvers.blocks.sigma_rules import Cubature, Points, Unscented, points
+from solvers.blocks.sigma_rules import Cubature, FifthDegree, Unscented, points
 from solvers.types import Gaussian
 
 UNSCENTED = [(1.0, 0.0, 0.0), (1e-3, 2.0, 0.0), (0.5, 2.0, 1.0), (1.0, 0.0, -1.0)]
-RULES = [Cubature(), *(Unscented(*settings) for settings in UNSCENTED)]
+RULES = [Cubature(), *(Unscented(*settings) for settings in UNSCENTED), FifthDegree()]
 
 
-@dataclass(frozen=True)
-class FifthDegree:
-    """Unequal and negative weights, 2 n^2 + 1 points (Jia, Xin & Cheng 2013), to test what rules may do."""
-
-    def build(self, n):
-        pairs = [(e + s * f) / math.sqrt(2) for e, f in combinations(np.eye(n), 2) for s in (1, -1)]
-        xi = math.sqrt(n + 2) * np.array([np.zeros(n), *pairs, *np.eye(n), *np.negative(pairs), *-np.eye(n)])
-        w = np.full(len(xi), 1 / (n + 2) ** 2)
-        w[np.count_nonzero(xi, axis=1) == 1] = (4 - n) / (2 * (n + 2) ** 2)
-        w[0] = 2 / (n + 2)
-        total = w[1:].sum()
-        return Points(xi, w, w, True, total=total, pull=w[0] + total - 2 + 1 / total, equal=None)
-
-
-@pytest.mark.parametrize("n", [2, 3, 10, 15])
-@pytest.mark.parametrize("rule", [*RULES, FifthDegree()])
+@pytest.mark.parametrize("n", [2, 3, 4, 10, 15])
+@pytest.mark.parametrize("rule", RULES)
 def test_points_have_the_moments_of_the_standard_normal(rule, n):
     p = points(rule, n)
     assert p.wm.sum() == pytest.approx(1.0, abs=1e-9)
@@ -39,9 +24,45 @@ def test_points_have_the_moments_of_the_standard_normal(rule, n):
     np.testing.assert_array_equal(p.wm[1:], p.wc[1:])
     assert p.total == pytest.approx(p.wm[1 if p.centre else 0 :].sum(), rel=1e-12)
     assert p.centre == (not p.xi[0].any())
+    if p.centre:
+        assert p.pull == pytest.approx(p.wc[0] + p.total - 2 + 1 / p.total, rel=1e-8, abs=1e-12)
 
 
-@pytest.mark.parametrize("rule", RULES[1:])
+def normal_moment(powers):
+    """E of the product of x_i^powers_i for independent standard normal x_i."""
+    return math.prod(0 if k % 2 else math.prod(range(1, k, 2)) for k in powers)
+
+
+@pytest.mark.parametrize(("rule", "degree"), [(Cubature(), 3), (FifthDegree(), 5)])
+@pytest.mark.parametrize("n", range(1, 16))
+def test_every_monomial_up_to_the_degree_of_the_rule_is_exact(rule, degree, n):
+    p = points(rule, n)
+    for d in range(1, degree + 1):
+        which = np.array(list(combinations_with_replacement(range(n), d)))
+        got = p.wm @ np.prod(p.xi[:, which], axis=-1)
+        expected = [normal_moment(np.bincount(row, minlength=n)) for row in which]
+        np.testing.assert_allclose(got, expected, rtol=0, atol=3e-14)
+
+
+@pytest.mark.parametrize(("rule", "moment"), [(Cubature(), 4), (FifthDegree(), 6)])
+def test_the_next_even_degree_is_not_exact(rule, moment):
+    p = points(rule, 2)
+    assert abs(p.wm @ p.xi[:, 0] ** moment - normal_moment([moment])) > 0.5
+
+
+def test_the_fifth_degree_rule_is_as_large_as_published_and_its_weights_turn_negative():
+    for n in range(1, 16):
+        p = points(FifthDegree(), n)
+        assert len(p.xi) == 2 * n**2 + 1
+        assert (p.wm.min() < 0) == (n > 4)
+    assert np.abs(points(FifthDegree(), 15).wm).sum() == pytest.approx(2.14, abs=0.005)
+    gauss_hermite, weights = np.polynomial.hermite_e.hermegauss(3)
+    one = points(FifthDegree(), 1)
+    np.testing.assert_allclose(np.sort(one.xi[:, 0]), gauss_hermite, atol=1e-15)
+    np.testing.assert_allclose(one.wm[np.argsort(one.xi[:, 0])], weights / weights.sum(), atol=1e-15)
+
+
+@pytest.mark.parametrize("rule", RULES[1:-1])
 def test_unscented_weights_and_points_are_filterpys(rule):
     n = 5
     theirs = MerweScaledSigmaPoints(n, rule.alpha, rule.beta, rule.kappa)
@@ -88,7 +109,7 @@ def test_points_are_cached_and_cannot_be_written():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"alpha": 0.0}, "alpha = 0.0: must be a finite number > 0"),
+        ({"alpha": 0.0}, "alpha = 0.0; allowed: a finite number > 0"),
         ({"alpha": math.nan}, "alpha = nan"),
         ({"beta": math.inf}, "beta = inf"),
         ({"kappa": math.nan}, "kappa = nan"),
@@ -101,5 +122,5 @@ def test_settings_are_checked(settings, message):
 
 def test_kappa_has_a_limit_that_depends_on_the_dimension():
     points(Unscented(kappa=-3.0), 4)
-    with pytest.raises(ValueError, match=r"kappa = -3.0: must be greater than -3"):
+    with pytest.raises(ValueError, match=r"kappa = -3.0; allowed: a number > -3"):
         points(Unscented(kappa=-3.0), 3)

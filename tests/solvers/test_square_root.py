@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from oracles.problems import spd
 
-from solvers.blocks.square_root import FLOOR, cholesky, svd_root, symmetrize, tria
+from solvers.blocks.square_root import FLOOR, cholesky, indefinite, semidefinite_root, svd_root, symmetrize, tria
 
-ROOTS = [cholesky, svd_root]
+ROOTS = [cholesky, svd_root, semidefinite_root]
 
 
 @pytest.fixture
@@ -95,3 +95,58 @@ def test_nothing_to_save_gives_nan_and_no_repair(bad):
 def test_symmetrize():
     P = np.array([[[1.0, 4.0], [2.0, 3.0]]])
     np.testing.assert_array_equal(symmetrize(P), [[[1.0, 3.0], [3.0, 3.0]]])
+
+
+UNITS = np.array([1e-8, 1e5, 1.0, 1e3])
+
+
+def test_semidefinite_root_takes_what_is_singular_in_any_unit(rng):
+    A = rng.standard_normal((4, 2))
+    P = np.stack([spd(rng, 4), A @ A.T, np.diag([1.0, 0.0, 2.0, 0.0]), np.zeros((4, 4)), spd(rng, 4)])
+    P[4, 2] = P[4, :, 2] = 0.0
+    P = UNITS[:, None] * P * UNITS
+    S, repaired = semidefinite_root(P)
+    assert repaired is None
+    unit = 1.0 / UNITS
+    np.testing.assert_allclose(unit[:, None] * (S @ S.mT) * unit, unit[:, None] * P * unit, atol=1e-14)
+    np.testing.assert_array_equal(S[0], np.linalg.cholesky(P[0]))
+    for i in range(5):
+        alone, _ = semidefinite_root(P[i])
+        np.testing.assert_allclose(alone @ alone.T, S[i] @ S[i].T, rtol=1e-13, atol=0)
+
+
+def test_semidefinite_root_of_a_diagonal_is_the_square_root(rng):
+    d = rng.random((3, 5)) * [1, 0, 1, 0, 1]
+    S, repaired = semidefinite_root(d[..., None] * np.eye(5))
+    assert repaired is None
+    np.testing.assert_array_equal(S, np.sqrt(d)[..., None] * np.eye(5))
+
+
+@pytest.mark.parametrize("bad", [np.diag([1.0, -0.1]), np.array([[1.0, 2.0], [2.0, 1.0]])])
+def test_semidefinite_root_reports_what_is_indefinite_and_loses_what_is_not_finite(bad):
+    S, repaired = semidefinite_root(np.stack([np.eye(2), bad, np.full((2, 2), np.nan), np.zeros((2, 2))]))
+    np.testing.assert_array_equal(repaired, [False, True, False, False])
+    np.testing.assert_array_equal(np.isfinite(S).all(axis=(-2, -1)), [True, True, False, True])
+
+
+@pytest.mark.parametrize("batch", [(), (4,), (2, 3)])
+def test_indefinite_finds_negative_eigenvalues_beyond_rounding(batch, rng):
+    P = spd(rng, *batch, 4)
+    assert indefinite(P) is None
+    last = (-1,) * len(batch)
+    A = rng.standard_normal((4, 2))
+    P[last] = UNITS[:, None] * (A @ A.T) * UNITS  # singular, with eigenvalues of either sign by rounding
+    assert indefinite(P) is None
+    P[last][0, 0] = -1e-20  # the deviation of this state is 1e-8
+    expected = np.zeros(batch, dtype=bool)
+    expected[last] = True
+    np.testing.assert_array_equal(indefinite(P), expected)
+    P[last][1, 1] = np.nan
+    assert indefinite(P) is None
+
+
+def test_indefinite_judges_a_difference_by_what_it_came_from():
+    whole, difference = np.diag([1.0, 1.0]), np.diag([-1e-15, 0.5])
+    assert indefinite(difference)
+    assert indefinite(difference, whole) is None
+    assert indefinite(np.diag([-1e-9, 0.5]), whole)

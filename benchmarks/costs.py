@@ -1,0 +1,145 @@
+"""What a step of every filter costs, beside that of ckf, on the alignment problem: one process, one thread.
+
+    python benchmarks/costs.py                                  every filter, at 1 and 256 runs
+    python benchmarks/costs.py ckf ckf5 ddf2 --runs 1 64 1024   some, at other batch sizes
+
+Epochs of the swaying base (10 states, a fix of two velocities at each) are recorded once and played to every filter: the
+step alone is timed, without simulator and strapdown. Blocks of the filter alternate with blocks of ckf, and the ratio is
+the median over such pairs of CPU times, so that a busy machine changes it little. Each filter gets the same time, and one
+block at least, however slow it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from threadpoolctl import threadpool_limits
+
+from sins_env.errors import unknown
+from sins_env.evaluation.tasks import get_task
+from sins_env.evaluation.timing import Probe
+from sins_env.memory import keep_freed_memory
+from solvers.filters import FILTERS, make_filter, names
+from solvers.pipeline.aligner import Aligner
+from solvers.types import Gaussian, Measurement, Transition
+
+YARDSTICK = "ckf"
+EPOCHS = 100  #: recorded, after which a filter starts anew
+BLOCK_S = 5e-3  #: aim for the length of a block
+
+
+class Recorder:
+    """A filter that keeps what it is given and does nothing."""
+
+    def __init__(self, runs: int) -> None:
+        self.runs, self.batched = runs, runs > 1
+        self.epochs: list[tuple[Transition, Measurement | None]] = []
+        self._filter = make_filter(YARDSTICK)
+
+    def init(self, prior: Gaussian, rng: Any) -> Any:
+        self.prior = prior
+        return self._filter.init(prior, rng)
+
+    def step(self, b: Any, tr: Transition, me: Measurement | None) -> tuple[Any, None]:
+        self.epochs.append((tr, me))
+        return b, None
+
+    def estimate(self, b: Any) -> Gaussian:
+        return self._filter.estimate(b)
+
+
+def record(task: str, runs: int) -> Recorder:
+    """The transitions and fixes of the first epochs of a task, the INS open loop; one run has no run axis."""
+    recorder = Recorder(runs)
+    probe = Probe(get_task(task), lambda: Aligner(recorder, feedback="open"), {}, runs, warm_up=EPOCHS)
+    probe.close()
+    return recorder
+
+
+class Player:
+    """A filter that goes on through the recorded epochs, and starts anew at their end."""
+
+    def __init__(self, name: str, recorded: Recorder) -> None:
+        self.filter, self.recorded, self.k = make_filter(name), recorded, 0
+        self.advance(3)  # caches fill
+        self.block = max(1, min(EPOCHS, round(BLOCK_S / self.advance(1))))
+
+    def advance(self, epochs: int) -> float:
+        """CPU seconds per step."""
+        spent = 0.0
+        for _ in range(epochs):
+            if self.k % len(self.recorded.epochs) == 0:
+                rng, runs = np.random.default_rng(0), self.recorded.runs
+                self.belief = self.filter.init(self.recorded.prior, rng.spawn(runs) if runs > 1 else rng)
+            transition, fix = self.recorded.epochs[self.k % len(self.recorded.epochs)]
+            begin = time.process_time()
+            self.belief, _ = self.filter.step(self.belief, transition, fix)
+            spent += time.process_time() - begin
+            self.k += 1
+        return spent / epochs
+
+
+class Cost(NamedTuple):
+    """Of one filter at one batch size."""
+
+    step_us: float  #: CPU time of a step, per run
+    ratio: float  #: to that of ckf
+    pairs: int  #: of blocks
+
+
+def cost(name: str, recorded: Recorder, seconds: float) -> Cost:
+    """For about ``seconds``, of which the filter's first steps and one pair of blocks are done in any case."""
+    begin = time.perf_counter()
+    own, yardstick = Player(name, recorded), Player(YARDSTICK, recorded)
+    pairs = []
+    while not pairs or time.perf_counter() - begin < seconds:
+        pairs.append((own.advance(own.block), yardstick.advance(yardstick.block)))
+    each = np.array(pairs)
+    return Cost(
+        1e6 * float(np.median(each[:, 0])) / recorded.runs, float(np.median(each[:, 0] / each[:, 1])), len(each)
+    )
+
+
+def cell(name: str, recorded: Recorder, seconds: float) -> tuple[str, str]:
+    """Time and ratio, or why there are none."""
+    if recorded.runs > 1 and not FILTERS[name].batched:
+        return "one run only", ""
+    try:
+        found = cost(name, recorded, seconds)
+    except Exception as error:  # one filter that fails must not hide the others
+        return f"[red]{type(error).__name__}: {str(error)[:40]}[/]", ""
+    few = " *" if found.pairs < 5 else ""
+    return f"{found.step_us:.4g}", f"{found.ratio:.3g}{few}"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description="cost of a step of every filter, beside that of ckf")
+    parser.add_argument("filters", nargs="*", help="names, default all")
+    parser.add_argument("--runs", nargs="+", type=int, default=[1, 256], help="batch sizes")
+    parser.add_argument("--seconds", type=float, default=1.0, help="spent on each filter and batch size")
+    parser.add_argument("--task", default="sway-white-v0")
+    given = parser.parse_args(arguments)
+    for name in given.filters:
+        if name not in FILTERS:
+            parser.error(str(unknown("filter", name, FILTERS)))
+    keep_freed_memory()
+    table = Table(title=f"CPU time of a step on {given.task}, one thread; * fewer than five pairs of blocks")
+    table.add_column("filter")
+    with threadpool_limits(1):
+        recordings = [record(given.task, runs) for runs in given.runs]
+        for recorded in recordings:
+            table.add_column(f"{recorded.runs} run{'s' * (recorded.runs > 1)}, us per run", justify="right")
+            table.add_column("/ ckf", justify="right")
+        for name in given.filters or names():
+            table.add_row(name, *(text for recorded in recordings for text in cell(name, recorded, given.seconds)))
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,85 @@
+"""What particles cost: one step of each particle filter as a multiple of the UKF's, in one run of the program.
+
+    python benchmarks/particles.py
+
+One run (no batch) of the 10-state alignment step through the exact large-angle epoch map, and 64 runs at once. The thesis
+gives 10 times its UKF for its CGPF with 10,000 particles, in MATLAB. CPU time, one thread, best of several.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from filterpy_ukf import P0, Q, R, an_epoch, best
+
+from sins_env.memory import keep_freed_memory
+from solvers.filters import make_filter
+from solvers.pipeline.error_state import AlignmentErrors
+from solvers.types import Gaussian, Linear, Measurement
+
+#: name, settings, how the table calls it
+CASES = [
+    *(
+        (name, {"particles": M}, f"{name}, {M:,} particles")
+        for M in (1000, 10_000)
+        for name in ("gpf", "rqmc_gpf", "cgpf")
+    ),
+    ("gpf", {"particles": 10_000, "marginal": False}, "gpf, 10,000 particles, all states weighed"),
+    ("cgpf", {"particles": 10_000, "marginal": False}, "cgpf, 10,000 particles, all states weighed"),
+    ("gpf", {}, "gpf, 2,000 particles (default)"),
+    ("pf", {}, "pf, 2,000 particles (default)"),
+    ("upf", {}, "upf, 200 particles (default)"),
+    ("hepf", {}, "hepf, 200 particles (default)"),
+]
+
+
+def a_step(name: str, runs: int, settings: dict) -> Callable[[], Gaussian]:
+    """A step that goes on from the last; ``runs`` 0: one run, no run axis."""
+    batch = (runs,) if runs else ()
+    flt = make_filter(name, **settings)
+    state = {"belief": flt.init(Gaussian(np.zeros((*batch, 10)), P0), np.random.default_rng(0))}
+    motion, me = an_epoch(runs), Measurement(np.full((*batch, 2), 0.05), Linear(np.eye(2, 10)), R)
+
+    def step() -> Gaussian:
+        state["belief"], _ = flt.step(state["belief"], AlignmentErrors().transition(motion, Q), me)
+        return flt.estimate(state["belief"])
+
+    return step
+
+
+def overhead_of_streams() -> str:
+    """Setting one Philox object to a run's place, against making a generator for each."""
+    bits = np.random.Philox(0)
+    state = bits.state
+    seconds = []
+    for act in (lambda: setattr(bits, "state", state), lambda: np.random.Generator(np.random.Philox(key=1, counter=2))):
+        begin = time.process_time()
+        for _ in range(2000):
+            act()
+        seconds.append((time.process_time() - begin) / 2000)
+    return f"a run's stream: {seconds[0] * 1e6:.1f} us by setting a state, {seconds[1] * 1e6:.1f} us as a new generator"
+
+
+def main() -> None:
+    keep_freed_memory()
+    with threadpool_limits(1):
+        print(overhead_of_streams())
+        print(f"{'':45s} {'1 run, ms':>10s} {'times ukf':>10s} {'64 runs, ms each':>17s} {'times ukf':>10s}")
+        ukf = {runs: best(a_step("ukf", runs, {}), 100 if not runs else 20) / max(runs, 1) for runs in (0, 64)}
+        print(f"{'ukf':45s} {ukf[0] * 1e3:10.3f} {1:10.1f} {ukf[64] * 1e3:17.4f} {1:10.1f}")
+        for name, settings, label in CASES:
+            one = best(a_step(name, 0, settings), 5, times=5)
+            many = best(a_step(name, 64, settings), 1, times=3) / 64
+            print(f"{label:45s} {one * 1e3:10.3f} {one / ukf[0]:10.1f} {many * 1e3:17.4f} {many / ukf[64]:10.1f}")
+
+
+if __name__ == "__main__":
+    main()

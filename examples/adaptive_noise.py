@@ -1,0 +1,60 @@
+"""The process noise as an adaptive filter sees it, on a task whose told noise is wrong.
+
+The task tells a velocity noise a million times too large in variance, an attitude noise 30 times too small, and a GPS
+ten times worse than it is. With R too large every innovation looks small: the filter lowers all of Q, to the floor.
+That helps the azimuth, and is not the truth of the attitude noise.
+"""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import solvers
+from sins_env.evaluation.tasks import get_task
+
+RUNS, DURATION = 16, 150.0
+UNIT = {"velocity": (0, 1e3, "mm/s"), "attitude": (4, 180 / np.pi * 3600, "arcsec")}  # state, factor
+TRUE = {"velocity": 5e-6 * 9.80665 * 0.1**0.5, "attitude": np.deg2rad(0.01) / 60 * 0.1**0.5}  # per epoch of 0.1 s
+NAMES = ("ckf", "aukf", "aukf_fading", "aukf_window", "augmented_aukf")
+
+
+def play(name):
+    """Azimuth errors in arcsec (epochs, runs) and standard deviations of the process noise (epochs, runs, states)."""
+    task = get_task("sway-told-wrong-v0")
+    env = task.make(RUNS, duration=DURATION)
+    obs, _ = task.reset(env, range(RUNS))
+    solver = solvers.make(name)
+    solver.reset(env.unwrapped.task, [np.random.default_rng(i) for i in range(RUNS)], RUNS)
+    errors, noise, done = [], [], False
+    while not done:
+        obs, _, _, truncated, info = env.step(solver.step(obs))
+        errors.append(np.degrees(info["errors"]["phi"][:, 2]) * 3600)
+        noise.append(np.sqrt(solver.diagnostics().get("Q", np.zeros((RUNS, 0)))))
+        done = truncated[0]
+    return np.array(errors), np.array(noise)
+
+
+figure = Figure(figsize=(13, 4.3), layout="constrained")
+axes = dict(zip((*UNIT, "azimuth"), figure.subplots(1, 3), strict=True))
+for i, name in enumerate(NAMES):
+    errors, noise = play(name)
+    t = 0.1 * np.arange(1, len(errors) + 1)
+    rms = np.sqrt(np.mean(errors**2, axis=1))
+    print(f"{name:15} azimuth RMS at 50, 100, 150 s: {rms[499]:6.0f} {rms[999]:6.0f} {rms[-1]:6.0f} arcsec")
+    axes["azimuth"].plot(t, rms, color=f"C{i}", label=name)
+    if not noise.shape[-1]:
+        continue
+    for part, (state, factor, unit) in UNIT.items():
+        if i == 1:
+            axes[part].axhline(factor * noise[0, 0, state], color="black", ls="--", lw=1, label="told")
+            axes[part].axhline(factor * TRUE[part], color="black", lw=1, label="true")
+            axes[part].set(title=f"{part} noise: median, 10-90 % of runs", ylabel=f"{unit} per epoch")
+        low, middle, high = np.percentile(factor * noise[..., state], [10, 50, 90], axis=1)
+        axes[part].fill_between(t, low, high, color=f"C{i}", alpha=0.15, lw=0)
+        axes[part].plot(t, middle, color=f"C{i}", label=name)
+axes["azimuth"].set(title=f"azimuth RMS of {RUNS} runs", ylabel="arcsec")
+for one in axes.values():
+    one.set(xlabel="time, s", yscale="log", xlim=(0, DURATION))
+    one.grid(alpha=0.3)
+    one.set_ylim(top=one.get_ylim()[1] * (1 if one is axes["azimuth"] else 20))
+    one.legend(fontsize=8, loc="upper right", ncols=1 if one is axes["azimuth"] else 3)
+figure.savefig("adaptive_noise.png", dpi=120)
