@@ -43,7 +43,7 @@ def test_shell_line_runs(line, tmp_path):
     words = line.split("#")[0].split()
     if "--runs" in words:
         words[words.index("--runs") + 1] = "2"
-    elif words[1] == "board":
+    elif words[1] in ("board", "compare", "report", "export", "verify"):
         prepare = ["eval", "--task", "sway-white-v0", "--solver", "ekf", "ckf", "--runs", "2"]
         subprocess.run([command(), *prepare], cwd=tmp_path, check=True, capture_output=True, timeout=300)
     if (

@@ -9,6 +9,7 @@ from sins_env.evaluation.check import Check, check_estimator
 from sins_env.evaluation.episode import Course, run_episode
 from sins_env.evaluation.metrics import Summary
 from sins_env.evaluation.monte_carlo import Results, evaluate
+from sins_env.evaluation.paired import Comparison, compare
 from sins_env.evaluation.scoring import Records
 from sins_env.evaluation.tasks import TASKS, EvaluationTask, digest, get_task
 
@@ -16,12 +17,14 @@ __all__ = [
     "TASKS",
     "Bound",
     "Check",
+    "Comparison",
     "Course",
     "EvaluationTask",
     "Records",
     "Results",
     "Summary",
     "check_estimator",
+    "compare",
     "digest",
     "evaluate",
     "get_task",

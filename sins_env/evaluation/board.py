@@ -1,8 +1,8 @@
 """The ranked table: its order, and its forms as Markdown, CSV and JSON (terminal.py draws it).
 
-A solver's rank is one more than the number of solvers whose azimuth RMS is better with disjoint intervals,
-so that ranks tie where intervals overlap. That comparison is unpaired; all solvers meet the same runs, and
-pairing them will separate more of them. The RMS, not a convergence time, ranks: it hangs on no threshold.
+Solvers stand in the order of their azimuth RMS. The first leads rank 1, and whoever cannot be told from the leader shares
+its rank: the interval of the ratio of their RMS, paired over the common runs, contains 1. The first that can be told
+apart leads the next rank. The RMS, not a convergence time, ranks: it hangs on no threshold.
 """
 
 from __future__ import annotations
@@ -15,18 +15,23 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from sins_env.evaluation.metrics import Interval, Summary
-from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.monte_carlo import Results, summarise
+from sins_env.evaluation.paired import Pairing
 
 
 def ranked(results: Iterable[Results]) -> list[tuple[int, Results]]:
     """Solvers of one task with their ranks, the best first; where errors are not scored all tie, as they came."""
-    lines = sorted(results, key=lambda r: r.summary.rms["U"] if r.summary.scored else 0.0)
-    return [(1 + sum(_better(other, one) for other in lines), one) for one in lines]
-
-
-def _better(a: Results, b: Results) -> bool:
-    """Whether a's interval lies below b's; without an interval (one run) nothing is told apart."""
-    return a.summary.rms_ci["U"][1] < b.summary.rms_ci["U"][0]
+    given = list(results)
+    summarise(given)
+    lines = sorted(given, key=lambda r: r.summary.rms["U"] if r.summary.scored else 0.0)
+    if not all(one.summary.scored for one in lines):
+        return [(1, one) for one in lines]
+    pairing, leader, ranks = Pairing(lines), 0, []
+    for i in range(len(lines)):
+        if i and pairing.apart(leader, i):
+            leader = i
+        ranks.append(leader + 1)
+    return list(zip(ranks, lines, strict=True))
 
 
 def by_task(results: Iterable[Results]) -> dict[tuple[str, str], list[Results]]:
@@ -109,7 +114,8 @@ def footer(results: Sequence[Results]) -> str:
     lines = [
         f"aligned: {task.thresholds} until the end, for {task.hold_s:g} s or more; time from the start of "
         "fine alignment" + (f" (switch-on: + {s.coarse_s:g} s)." if s.coarse_s else "."),
-        f"RMS over runs and the last {s.steady_s:g} s; 95 % intervals; equal ranks: intervals overlap.",
+        f"RMS over runs and the last {s.steady_s:g} s; 95 % intervals.",
+        "Equal ranks: not told from the rank's first, by the 95 % interval of the azimuth RMS' ratio over common runs.",
     ]
     if any(one.summary.nees for one in results):
         lines.append(f"NEES / 3 is 1 where the solver's covariance is right, 95 % band {_bands(results)}.")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import getpass
 import json
+import math
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -28,6 +30,17 @@ _FORMATS = (
 _EVAL_CODES = (
     f"Exit code 1: any run raised, was lost, or had {_FAILED} Runs given up by the solver are counted in the table."
 )
+
+
+_SEEDS = "allowed: a whole number that is not negative"
+_SEED_HELP = "of the suite (default: the task's own); - reads a secret one from standard input"
+_SUITE = (
+    "A hidden suite: draw a seed of at least 64 bits (python -c 'import secrets; print(secrets.randbits(128))'), publish "
+    "its hash, evaluate with --seed -, and publish the seed in the end. Results files hold the first 16 digits only."
+)
+
+
+_VERIFY_CODES = "Exit code 1: a run differs, or none could be run again."
 
 
 class _Wrong(Exception):
@@ -60,10 +73,29 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def _seed(text: str) -> int:
+def _number(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text!r}; allowed: a whole number that is not negative")
     return int(text)
+
+
+def _seed(text: str) -> int:
+    """'-' is read from standard input, so that a secret is in no shell history; errors do not repeat it."""
+    if text == "-":
+        text = (getpass.getpass("suite seed: ") if sys.stdin.isatty() else sys.stdin.readline()).strip()
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{_SEEDS}, or - to read it from standard input")
+    return int(text)
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not (value > 0 and math.isfinite(value)):
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: a positive number")
+    return value
 
 
 def _several(parser: argparse.ArgumentParser, *flags: str, **settings: Any) -> None:
@@ -92,7 +124,7 @@ def parser() -> argparse.ArgumentParser:
     sub = verb("run", commands.run, "one episode, with its final errors and a figure", _RUN_CODES)
     sub.add_argument("task", metavar="TASK")
     sub.add_argument("solver", metavar="SOLVER")
-    sub.add_argument("--run", type=_seed, default=0, metavar="N", help="which run of the suite (default 0)")
+    sub.add_argument("--run", type=_number, default=0, metavar="N", help="which run of the suite (default 0)")
     sub.add_argument("--plot", metavar="FILE", help="draw the errors over time")
     sub.add_argument("--traceback", action="store_true", help="show where the solver raised")
 
@@ -106,8 +138,10 @@ def parser() -> argparse.ArgumentParser:
     sub2.add_argument("--resume", action="store_true", help="keep the runs that are there, make those that are missing")
     sub2.add_argument("--plot", metavar="FILE", help="draw errors over time and success against the threshold")
     for each in (sub, sub2):
-        each.add_argument("--seed", type=_seed, metavar="N", help="of the suite (default: the task's own)")
+        each.add_argument("--seed", type=_seed, metavar="N", help=_SEED_HELP)
         each.add_argument("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting")
+        longest = "a run has failed if one call of the solver takes longer, s (default: no limit)"
+        each.add_argument("--timeout", type=_positive, metavar="S", help=longest)
 
     sub = verb("board", commands.board, "the ranked table of a results file")
     _several(sub, "--task", help="these tasks only")
@@ -116,8 +150,41 @@ def parser() -> argparse.ArgumentParser:
     for name in ("md", "csv", "json"):
         form.add_argument(f"--{name}", dest="form", action="store_const", const=name)
     sub.add_argument("--plot", metavar="FILE", help="draw errors over time and success against the threshold")
-    for each in (sub, sub2):
+    sub3 = verb(
+        "report", commands.report, "the results of a file as one HTML page: tables, figures, failures, provenance"
+    )
+    sub3.add_argument("--html", required=True, metavar="FILE", help="where to write it")
+    _several(sub3, "--task", help="these tasks only")
+    _several(sub3, "--solver", help="these solvers only")
+    for each in (sub, sub2, sub3):
         each.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
+
+    text = "two solvers on the same runs: ratio of RMS, success and time, with intervals"
+    sub = verb("compare", commands.compare, text)
+    sub.add_argument("task", metavar="TASK")
+    sub.add_argument("solver", metavar="SOLVER")
+    sub.add_argument("reference", metavar="SOLVER")
+    sub.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
+
+    sub = verb("export", commands.export, "every run of a results file with all its scores")
+    form = sub.add_mutually_exclusive_group(required=True)
+    for name in ("csv", "json", "parquet"):
+        form.add_argument(f"--{name}", metavar="FILE")
+
+    sub2 = verb("verify", commands.verify, "run random rows of a results file again and compare", _VERIFY_CODES)
+    sub2.add_argument("--rows", type=_count, default=20, metavar="N", help="how many (default 20)")
+    sub2.add_argument("--seed", type=_seed, metavar="N", help=_SEED_HELP)
+    sub2.add_argument(
+        "--draw", type=_number, metavar="N", help="seed of the choice of rows (default: another each time)"
+    )
+    sub2.add_argument("--workers", type=_count, metavar="N", help="default: one per core")
+    for each in (sub, sub2):
+        _several(each, "--task", help="these tasks only")
+        _several(each, "--solver", help="these solvers only")
+        each.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
+
+    sub = verb("suite-hash", commands.suite, "the hash of a secret suite seed, to be published first", _SUITE)
+    sub.add_argument("--seed", type=_seed, default="-", metavar="N", help="default: - reads it from standard input")
 
     sub = verb("check", commands.check, "hold an estimator against the contract")
     sub.add_argument("solver", metavar="NAME|module:Factory")

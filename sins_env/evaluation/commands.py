@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from argparse import Namespace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,20 +16,29 @@ from rich.text import Text
 from sins_env.errors import unknown
 from sins_env.evaluation import bench as speed
 from sins_env.evaluation import board as boards
-from sins_env.evaluation import monte_carlo, plots, registry, terminal
+from sins_env.evaluation import export as exports
+from sins_env.evaluation import monte_carlo, paired, plots, registry, terminal
+from sins_env.evaluation import report as pages
+from sins_env.evaluation import verify as verification
 from sins_env.evaluation.check import Check, check_estimator
 from sins_env.evaluation.converting import convert, replay
-from sins_env.evaluation.episode import EstimatorError, run_episode
-from sins_env.evaluation.executors import check_executor, runner
+from sins_env.evaluation.episode import run_episode
+from sins_env.evaluation.executors import Processes, check_executor, runner
+from sins_env.evaluation.guard import EstimatorError
 from sins_env.evaluation.listing import describe, list_all
 from sins_env.evaluation.outcome import RunFailed, check_plot, remark, save_figure, titled
 from sins_env.evaluation.progress import Bar
 from sins_env.evaluation.scoring import Records
 from sins_env.evaluation.store import Key, Store, canonical
-from sins_env.evaluation.tasks import EvaluationTask, get_task, suite_hash
+from sins_env.evaluation.tasks import EvaluationTask, get_task, seed_hash, suite_hash
 from sins_env.specs import ARCSEC, DEG
 
-__all__ = ["bench", "board", "check", "convert", "describe", "evaluate", "list_all", "replay", "run"]
+__all__ = [
+    "bench", "board", "check", "compare", "convert", "describe", "evaluate", "export", "list_all", "replay", "report",
+    "run", "suite", "verify",
+]  # fmt: skip
+
+LEAST_SECRET_BITS = 64
 
 
 def run(given: Namespace, console: Console) -> int:
@@ -43,7 +54,11 @@ def run(given: Namespace, console: Console) -> int:
                 bar.update(k * epoch, total, note)
 
         epoch, total = monte_carlo.extent(task, 1)
-        course = run_episode(task, given.solver, given.run, given.seed, settings=settings, observer=watch)
+        # A solver of somebody else gets a process of its own: whatever it does to it, this one says what it was.
+        timeout = given.timeout or (None if registry.is_own(given.solver) else math.inf)
+        course = run_episode(
+            task, given.solver, given.run, given.seed, settings=settings, observer=watch, epoch_timeout_s=timeout
+        )
     records = course.records
     if records.status[0] == "raised" and given.traceback:
         remark(records.traceback[0].rstrip())
@@ -109,6 +124,8 @@ def evaluate(given: Namespace, console: Console) -> int:
             Key.of(task.name, suite_hash(task, given.seed), solver, settings, registry.code_version(solver))
             for task, solver in pairs
         ]
+        for task in {task.name: task for task, _ in pairs}.values():
+            store.add_task(task)
         present = [store.runs_of(key) for key in keys]
         if any(present) and not given.resume:
             i = next(i for i, runs in enumerate(present) if runs)
@@ -139,7 +156,8 @@ def _evaluate_all(given: Namespace, store: Store, todo: list[Any], settings: dic
     count = sum(len(runs) for *_, runs in todo)
     if not count:
         return
-    with runner(given.executor, given.workers, count) as where:
+    apart = not all(registry.is_own(solver) for _, solver, *_ in todo)
+    with runner(given.executor, given.workers, count, apart) as where:
         for i, (task, solver, key, missing) in enumerate(todo, start=1):
             if not missing:
                 continue
@@ -154,6 +172,7 @@ def _evaluate_all(given: Namespace, store: Store, todo: list[Any], settings: dic
                         settings=settings,
                         executor=where,
                         chunk=given.chunk,
+                        epoch_timeout_s=given.timeout,
                         progress=bar.update,
                         on_records=lambda records, key=key: store.add(key, records),  # type: ignore[misc]
                     )
@@ -165,19 +184,29 @@ def _evaluate_all(given: Namespace, store: Store, todo: list[Any], settings: dic
                 store.add_cost(key, results.cost)
 
 
+def _chosen(given: Namespace, store: Store) -> list[Key]:
+    """What the file holds of the tasks and solvers asked for.
+
+    Raises:
+        ValueError: a name that the file does not hold.
+    """
+    held = store.keys()
+    for kind, wanted, there in (
+        ("task", given.task, {key.task for key in held}),
+        ("solver", given.solver, {key.solver for key in held}),
+    ):
+        for name in wanted:
+            if name not in there:
+                raise unknown(f"{kind} in {given.db}", name, there)
+    return store.keys(given.task, given.solver)
+
+
 def board(given: Namespace, console: Console) -> int:
     """The table from the file alone."""
     check_plot(given.plot)
     with Store(given.db, read_only=True) as store:
-        held = store.keys()
-        for kind, wanted, there in (
-            ("task", given.task, {key.task for key in held}),
-            ("solver", given.solver, {key.solver for key in held}),
-        ):
-            for name in wanted:
-                if name not in there:
-                    raise unknown(f"{kind} in {given.db}", name, there)
-        results = [store.results(key) for key in store.keys(given.task, given.solver)]
+        keys = _chosen(given, store)
+        results = [store.results(key, whole=bool(given.plot)) for key in keys]
     if given.form:
         text = {"md": boards.as_markdown, "csv": boards.as_csv, "json": boards.as_json}[given.form](results)
         print(text.rstrip("\n"))
@@ -190,6 +219,83 @@ def board(given: Namespace, console: Console) -> int:
     return 0
 
 
+def report(given: Namespace, console: Console) -> int:
+    """The page from the file alone."""
+    path = Path(given.html)
+    if not path.resolve().parent.is_dir():
+        raise ValueError(f"--html {path}: the directory does not exist")
+    pages.check_jinja2()
+    with Store(given.db, read_only=True) as store:
+        keys = _chosen(given, store)
+        if not keys:
+            raise ValueError(f"{given.db}: no results yet; sins-env eval makes some")
+        with Bar(f"report of {given.db}") as bar:
+            text = pages.html_report(store, keys, lambda done, total: bar.update(done / total, 1.0))
+    path.write_text(text, encoding="utf-8")
+    remark(f"report: {path}, {len(text.encode()) / 1e6:.1f} MB")
+    return 0
+
+
+def compare(given: Namespace, console: Console) -> int:
+    """Two solvers of a results file, over the runs that both have."""
+    with Store(given.db, read_only=True) as store:
+        chosen = _chosen(Namespace(task=[given.task], solver=[given.solver, given.reference], db=given.db), store)
+        pairs = [
+            (a, b)
+            for a in chosen
+            for b in chosen
+            if (a.suite, a.solver, b.solver) == (b.suite, given.solver, given.reference) and a != b
+        ]
+        if not pairs:
+            raise ValueError(f"{given.solver} and {given.reference} on {given.task}: no suite in common in {given.db}")
+        for a, b in pairs:
+            print(paired.compare(store.results(a, whole=False), store.results(b, whole=False)))
+    return 0
+
+
+def export(given: Namespace, console: Console) -> int:
+    """Every run of the file, or of the tasks and solvers asked for."""
+    form = next(name for name in exports.FORMATS if getattr(given, name))
+    path = Path(getattr(given, form))
+    if not path.resolve().parent.is_dir():
+        raise ValueError(f"--{form} {path}: the directory does not exist")
+    if form == "parquet":
+        exports.check_parquet()
+    with Store(given.db, read_only=True) as store:
+        count = exports.export(store, _chosen(given, store), form, path)
+    remark(f"{form}: {path}, {count} run{'s' * (count != 1)}")
+    return 0
+
+
+def verify(given: Namespace, console: Console) -> int:
+    """Random rows once more."""
+    with Store(given.db, read_only=True) as store:
+        keys = _chosen(given, store)
+        apart = not all(map(registry.is_own, {key.solver for key in keys}))
+        with runner(None, given.workers, given.rows, apart) as where, Bar(f"verifying {given.db}") as bar:
+            found = verification.verify(
+                store, keys, given.rows, given.seed, given.draw, where=where, progress=bar.update
+            )
+    for reason, count in found.left_out.items():
+        remark(f"not verifiable, {count} run{'s' * (count != 1)}: {reason}")
+    for text in found.differences:
+        remark(text)
+    if found.differences:
+        raise RunFailed(f"{given.db}: {len(found.differences)} differences in {found.runs} runs")
+    if not found.runs:
+        raise RunFailed(f"{given.db}: no run could be verified")
+    print(f"{found.runs} run{'s' * (found.runs != 1)} made again: equal to 1e-9")
+    return 0
+
+
+def suite(given: Namespace, console: Console) -> int:
+    """The hash of a suite seed."""
+    if given.seed.bit_length() < LEAST_SECRET_BITS:
+        remark(f"a seed of fewer than {LEAST_SECRET_BITS} bits can be guessed from its hash")
+    print(seed_hash(given.seed))
+    return 0
+
+
 def check(given: Namespace, console: Console) -> int:
     """A line per point of the contract."""
     marks = {True: "[green]pass[/]", False: "[bold red]FAIL[/]", None: "[dim]  - [/]"}
@@ -198,7 +304,17 @@ def check(given: Namespace, console: Console) -> int:
         detail = f"  [dim]{escape(one.detail)}[/]" if one.passed is not False else f"  {escape(one.detail)}"
         console.print(f"{marks[one.passed]}  {escape(one.name)}{detail if one.detail else ''}", highlight=False)
 
-    found = check_estimator(given.solver, dict(given.set), show)
+    if registry.is_own(given.solver):
+        found = check_estimator(given.solver, dict(given.set), show)
+    else:  # whatever it does to its process
+        registry.make(given.solver, dict(given.set))
+        with Processes(1) as worker:
+            answer = worker.call(check_estimator, given.solver, dict(given.set))
+        if answer is None:
+            raise RunFailed(f"{given.solver} ended its process in the middle of the checks")
+        found = answer
+        for one in found:
+            show(one)
     failed = sum(one.passed is False for one in found)
     if failed:
         raise RunFailed(f"{given.solver} fails {failed} of {len(found)} checks")

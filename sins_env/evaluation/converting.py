@@ -10,7 +10,7 @@ from rich.console import Console
 
 from sins_env import recordings
 from sins_env.evaluation import replaying
-from sins_env.evaluation.episode import EstimatorError
+from sins_env.evaluation.guard import EstimatorError
 from sins_env.evaluation.outcome import RunFailed, check_plot, remark, save_figure
 from sins_env.evaluation.progress import Bar
 from sins_env.evaluation.replay_figure import replay_figure

@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sins_env.evaluation import registry
-from sins_env.evaluation.episode import EstimatorError
+from sins_env.evaluation.guard import EstimatorError
 from sins_env.evaluation.tasks import EvaluationTask
 from sins_env.evaluation.timing import Probe
 
@@ -28,13 +28,20 @@ class Cost(NamedTuple):
 
 
 def measure_cost(
-    task: EvaluationTask, solver: registry.Solver, settings: Mapping[str, Any] | None = None
+    task: EvaluationTask,
+    solver: registry.Solver,
+    settings: Mapping[str, Any] | None = None,
+    timeout_s: float | None = None,
 ) -> Cost | None:
-    """Cost of a solver; blocks alternate with ckf's, so that a busy machine slows both. None if it raises."""
+    """Cost of a solver; blocks alternate with ckf's, so that a busy machine slows both. None if it raises.
+
+    Args:
+        timeout_s: a call of the solver that takes longer ends this process.
+    """
     given = dict(settings or {})
     with threadpool_limits(1):
         try:
-            probe = Probe(task, solver, given, warm_up=WARM_UP)
+            probe = Probe(task, solver, given, warm_up=WARM_UP, timeout_s=timeout_s)
             same = solver == YARDSTICK and not given
             installed = YARDSTICK in registry.names()
             yardstick = None if same or not installed else Probe(task, YARDSTICK, {}, warm_up=WARM_UP)

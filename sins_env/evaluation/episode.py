@@ -2,14 +2,14 @@
 
 The estimator gets observations and the public Task only. An exception is a failed run with its traceback on
 record; if a batched estimator raises, its batch is halved until the runs at fault stand alone, so that the
-others keep their scores.
+others keep their scores. The same holds for a call that takes too long, or that ends the estimator's process,
+where the estimator has one (``epoch_timeout_s``): a run has failed if it takes longer than that alone.
 """
 
 from __future__ import annotations
 
-import time
-import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from sins_env import attitude, types
 from sins_env.envs.episode import failed_epochs
 from sins_env.evaluation import registry
+from sins_env.evaluation.guard import EstimatorError, Guard
+from sins_env.evaluation.isolation import Isolated, check_timeout
 from sins_env.evaluation.scoring import Criteria, Records, Scorer, nees
 from sins_env.evaluation.tasks import EvaluationTask, get_task, is_scored, run_numbers, solver_rng
 
@@ -28,7 +30,6 @@ Tick = Callable[[int], None]  #: run-epochs done so far
 Observer = Callable[[int, Array, Array | None], None]
 
 BLOCK_EPOCHS = 100  #: errors are scored in blocks of so many epochs
-MAX_TRACEBACK = 6000  #: characters kept
 
 
 @dataclass(frozen=True)
@@ -40,77 +41,18 @@ class Job:
     runs: tuple[int, ...]
     settings: dict[str, Any] = field(default_factory=dict)
     suite_seed: int | None = None
+    #: s that one call of the estimator may take; it then has a process of its own, as it has at infinity. None: neither
+    epoch_timeout_s: float | None = None
+
+    def make(self) -> Any:
+        """An estimator, fresh."""
+        if self.epoch_timeout_s is None:
+            return registry.make(self.solver, self.settings)
+        return Isolated(self.solver, self.settings, self.epoch_timeout_s)
 
     def rngs(self) -> list[np.random.Generator]:
         name = registry.solver_name(self.solver)
         return [solver_rng(self.task, name, run, self.suite_seed) for run in self.runs]
-
-
-class EstimatorError(Exception):
-    """An estimator raised, or returned what is no action; ``__cause__`` is its own exception."""
-
-
-class Guard:
-    """An estimator whose exceptions and malformed returns become :class:`EstimatorError`, with a clock."""
-
-    def __init__(self, estimator: Any, num_runs: int) -> None:
-        self.estimator, self.num_runs = estimator, num_runs
-        self.batched = bool(estimator.batched)
-        self.seconds, self.steps = 0.0, 0
-
-    def _call(self, name: str, *args: Any) -> Any:
-        try:
-            return getattr(self.estimator, name)(*args)
-        except (Exception, SystemExit) as error:
-            raise EstimatorError(f"{name} raised {type(error).__name__}: {' '.join(str(error).split())}") from error
-
-    def reset(self, task: types.Task, rngs: Sequence[np.random.Generator]) -> None:
-        if self.batched:
-            self._call("reset", task, rngs, self.num_runs)
-        else:
-            start = task.start and types.NavState(*(part[0] for part in task.start))
-            self._call("reset", replace(task, start=start), rngs[0], 1)
-
-    def step(self, obs: Any) -> Array:
-        """(R, 4); only the estimator's own time is counted."""
-        if not self.batched:
-            obs = {name: value[0] for name, value in obs.items()}
-        begin = time.perf_counter()
-        action = self._call("step", obs)
-        self.seconds += time.perf_counter() - begin
-        self.steps += 1
-        return self._array("step", action, 4)
-
-    def covariance(self) -> Array | None:
-        """(R, 3, 3) rad^2, or None where the estimator has none."""
-        if not hasattr(self.estimator, "covariance"):
-            return None
-        return self._array("covariance", self._call("covariance"), 3, 3)
-
-    def _array(self, name: str, value: Any, *shape: int) -> Array:
-        expected = (self.num_runs, *shape) if self.batched else shape
-        try:
-            array = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise EstimatorError(f"{name} returned a {type(value).__name__}; allowed: shape {expected}") from error
-        if array.shape != expected:
-            raise EstimatorError(f"{name} returned shape {array.shape}; allowed: {expected}")
-        return array.reshape(self.num_runs, *shape)
-
-    def health(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Covariance repairs, fallbacks, and the epoch at which each run froze (-1: none), where they are reported."""
-        if not hasattr(self.estimator, "health"):
-            none = np.zeros(self.num_runs, dtype=np.int64)
-            return none, none, none - 1
-        health = self._call("health")
-        try:
-            repairs, fallbacks, frozen = (
-                np.broadcast_to(np.asarray(value, dtype=np.int64), (self.num_runs,))
-                for value in (health.repairs, getattr(health, "fallbacks", 0), health.failed_at)
-            )
-        except (AttributeError, TypeError, ValueError) as error:
-            raise EstimatorError(f"health returned {type(health).__name__} without repairs and failed_at") from error
-        return repairs, fallbacks, frozen
 
 
 def run_job(job: Job, tick: Tick | None = None) -> Records:
@@ -121,9 +63,20 @@ def run_job(job: Job, tick: Tick | None = None) -> Records:
             estimator raises while it runs: that is on record.
     """
     done = _Counter(tick)
-    estimator = registry.make(job.solver, job.settings)
-    parts = [job.runs] if estimator.batched else [(run,) for run in job.runs]
-    return Records.concat([_play_or_split(replace(job, runs=runs), estimator, done) for runs in parts])
+    with _made(job) as estimator:
+        parts = [job.runs] if estimator.batched else [(run,) for run in job.runs]
+        return Records.concat([_play_or_split(replace(job, runs=runs), estimator, done) for runs in parts])
+
+
+@contextmanager
+def _made(job: Job) -> Iterator[Any]:
+    """An estimator whose process, if it has one, ends with this."""
+    estimator = job.make()
+    try:
+        yield estimator
+    finally:
+        if isinstance(estimator, Isolated):
+            estimator.close()
 
 
 class _Counter:
@@ -147,7 +100,14 @@ def _play_or_split(job: Job, estimator: Any, done: _Counter) -> Records:
         done.total = before
         middle = len(job.runs) // 2
         halves = [replace(job, runs=runs) for runs in (job.runs[:middle], job.runs[middle:])]
-        return Records.concat([_play_or_split(h, registry.make(job.solver, job.settings), done) for h in halves])
+        return Records.concat([_play_or_split(half, _afresh(job, estimator), done) for half in halves])
+
+
+def _afresh(job: Job, estimator: Any) -> Any:
+    if not isinstance(estimator, Isolated):
+        return job.make()
+    estimator.renew()
+    return estimator
 
 
 def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer | None = None) -> Records:
@@ -161,7 +121,8 @@ def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer 
     obs, _ = job.task.reset(env, job.runs, job.suite_seed)
     public: types.Task = env.unwrapped.task  # type: ignore[attr-defined]
     criteria = Criteria.of(job.task, public, is_scored(env))
-    guard, scorer = Guard(estimator, runs), Scorer(criteria, runs)
+    guard = estimator.guard(runs) if isinstance(estimator, Isolated) else Guard(estimator, runs)
+    scorer = Scorer(criteria, runs)
     ask = {epoch: i for i, epoch in enumerate(criteria.nees_epochs)}
     block, failed = np.empty((runs, BLOCK_EPOCHS, 3)), np.zeros((runs, BLOCK_EPOCHS), dtype=bool)
     action, in_block = np.full((runs, 4), np.nan), 0
@@ -196,7 +157,7 @@ def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer 
             "status": np.array(["raised"]),
             "reason": (f"{error}, at {min(at, criteria.duration_s):.1f} s",),
         }
-        outcome["traceback"] = (_text(error),)
+        outcome["traceback"] = (error.text,)
         if in_block:
             scorer.add(block[:, :in_block], failed[:, :in_block])
         scorer.fill()
@@ -207,11 +168,6 @@ def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer 
         "step_s": np.full(runs, guard.seconds / (runs * max(guard.steps, 1))),
     }
     return _with_frozen(scorer.records(job.runs, **outcome), frozen)
-
-
-def _text(error: EstimatorError) -> str:
-    cause = error.__cause__
-    return "".join(traceback.format_exception(cause))[-MAX_TRACEBACK:] if cause else str(error)
 
 
 def _heading(action: Array) -> Array:
@@ -264,8 +220,12 @@ def run_episode(
     *,
     settings: dict[str, Any] | None = None,
     observer: Observer | None = None,
+    epoch_timeout_s: float | None = None,
 ) -> Course:
     """Play one run of the task's suite (or of the suite of ``seed``) and keep its errors at every epoch.
+
+    Args:
+        epoch_timeout_s: as for ``evaluate``; infinity gives the solver a process of its own without a limit.
 
     Raises:
         ValueError, FileNotFoundError: a task, a run, settings or a solver that do not fit.
@@ -273,6 +233,7 @@ def run_episode(
     task = get_task(task)
     (run,) = run_numbers([run])
     task.check_runs(run + 1)
+    check_timeout(epoch_timeout_s)
     phis: list[Array] = []
     sigmas: list[Array] = []
 
@@ -282,7 +243,8 @@ def run_episode(
         if observer:
             observer(k, phi, sigma)
 
-    job = Job(task, solver, (run,), dict(settings or {}), seed)
-    records = play(job, registry.make(solver, settings), observer=keep)
+    job = Job(task, solver, (run,), dict(settings or {}), seed, epoch_timeout_s)
+    with _made(job) as estimator:
+        records = play(job, estimator, observer=keep)
     t = (1 + np.arange(len(phis))) * records.criteria.epoch_s
     return Course(records, t, np.array(phis).reshape(-1, 3), np.array(sigmas).reshape(-1, 3))

@@ -7,13 +7,20 @@ lost.
 from __future__ import annotations
 
 import importlib
-import multiprocessing
+import logging
 import os
-import signal
-import threading
+import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from contextlib import contextmanager, nullcontext
 from multiprocessing.context import SpawnContext, SpawnProcess
 from types import TracebackType
 from typing import Any, Protocol, TypeVar
@@ -23,7 +30,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from sins_env.errors import unknown
 from sins_env.evaluation.episode import Job, run_job
 from sins_env.evaluation.scoring import Records
-from sins_env.memory import keep_freed_memory
+from sins_env.evaluation.spawning import CANNOT_START, interrupts_held, prepare
 
 T = TypeVar("T")
 POLL_S = 0.1
@@ -57,43 +64,62 @@ class InProcess:
 
 
 class Borrowed:
-    """Any executor, which whoever made it closes; progress moves as jobs end."""
+    """Any executor, which whoever made it closes; progress moves as jobs end.
+
+    What ran when a worker died is tried again when all else has ended, one job at a time: the next death names its cause.
+    """
 
     def __init__(self, executor: Executor) -> None:
         self.executor = executor
 
     def run(self, jobs: Sequence[Job], progress: Progress) -> Iterator[Finished]:
-        futures = {self.executor.submit(_run_quietly, job): job for job in jobs}
-        retried: set[tuple[int, ...]] = set()
+        with threadpool_limits(1):  # for threads, none of which may change what belongs to the whole process
+            yield from self._run(jobs, progress)
+
+    def _run(self, jobs: Sequence[Job], progress: Progress) -> Iterator[Finished]:
+        running = {self._submit(job): (job, True) for job in jobs}  # True: a first attempt
+        suspects: list[Job] = []
         total = 0
         try:
-            while futures:
-                for future in wait(futures, return_when=FIRST_COMPLETED).done:
-                    job = futures.pop(future)
+            while running or suspects:
+                if not running:
+                    job = suspects.pop()
+                    running[self._submit(job, 2)] = (job, False)
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    job, first = running.pop(future)
                     try:
                         records: Records | None = future.result()
-                    except BrokenExecutor:
-                        if job.runs not in retried:
-                            retried.add(job.runs)
-                            futures[self._again(job)] = job
+                    except _worker_died():
+                        if first:
+                            suspects.append(job)
                             continue
                         records = None
+                    except CancelledError as error:
+                        raise RuntimeError("the executor cancelled a job that nobody asked it to cancel") from error
                     total += len(job.runs) * (records.criteria.num_epochs if records else 0)
                     progress(total)
                     yield job, records
         finally:
-            for future in futures:
+            for future in running:
                 future.cancel()
 
-    def _again(self, job: Job) -> Future[Records]:
+    def _submit(self, job: Job, attempt: int = 1) -> Future[Records]:
         try:
-            return self.executor.submit(_run_quietly, job)
+            return self.executor.submit(_run_quietly, job, attempt, os.getpid())
         except BrokenExecutor as error:
             raise RuntimeError(f"the executor broke and takes no more jobs: {error}") from error
 
 
-def _run_quietly(job: Job) -> Records:
-    with threadpool_limits(1):
+def _worker_died() -> tuple[type[BaseException], ...]:
+    """What a future raises if its worker died; Dask has an exception of its own."""
+    distributed: Any = sys.modules.get("distributed")
+    killed = getattr(distributed, "KilledWorker", None)
+    return (BrokenExecutor, killed) if killed else (BrokenExecutor,)
+
+
+def _run_quietly(job: Job, attempt: int, parent: int) -> Records:
+    """``attempt`` makes a job that is run again another task to Dask, which remembers how the first one ended."""
+    with nullcontext() if os.getpid() == parent else threadpool_limits(1):
         return run_job(job)
 
 
@@ -144,7 +170,7 @@ class Processes:
     def call(self, function: Callable[..., T], *arguments: Any) -> T | None:
         """What a function gives in a worker; None if the worker dies of it."""
         try:
-            with _interrupts_held():
+            with interrupts_held():
                 future = self._ready_pool().submit(function, *arguments)
             return future.result()
         except BrokenExecutor:
@@ -165,7 +191,7 @@ class Processes:
                 slot = min(set(range(self.workers)) - {taken for _, _, taken in running.values()})
                 self._shared[slot] = 0
                 try:
-                    with _interrupts_held():
+                    with interrupts_held():
                         running[self._ready_pool().submit(_in_worker, job, slot)] = (job, first, slot)
                 except BrokenExecutor:
                     source.append((job, first))
@@ -193,25 +219,9 @@ class Processes:
             try:
                 pool.submit(os.getpid).result()
             except BrokenExecutor as error:
-                raise RuntimeError(
-                    "worker processes cannot start; a script must call evaluate() under "
-                    "if __name__ == '__main__': (or pass workers=1)"
-                ) from error
+                raise RuntimeError(CANNOT_START) from error
             self._pool = pool
         return self._pool
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Ctrl-C waits until this ends; workers that start meanwhile never see it (they inherit the mask)."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def available_cores() -> int:
@@ -229,17 +239,7 @@ _shared: Any = None
 def _init_worker(shared: Any) -> None:
     global _shared
     _shared = shared
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
-    threadpool_limits(1)
-    keep_freed_memory()
-    threading.Thread(target=_die_with_parent, daemon=True).start()
-
-
-def _die_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+    prepare()
 
 
 def _in_worker(job: Job, slot: int) -> Records:
@@ -258,38 +258,74 @@ def check_executor(name: str | None) -> None:
 
 
 @contextmanager
-def runner(executor: Executor | Runner | str | None, workers: int | None, jobs: int) -> Iterator[Runner]:
+def runner(
+    executor: Executor | Runner | str | None, workers: int | None, jobs: int, apart: bool = False
+) -> Iterator[Runner]:
     """The runner for ``jobs`` jobs: what is given, or processes; one worker or one job stays in this one.
 
     What is made here is closed in the end; what was given stays open.
 
+    Args:
+        apart: a worker process even for one: this one outlives whatever a solver does to its process.
+
     Raises:
-        ValueError: an unknown name, or fewer than one worker.
+        ValueError: no executor, or fewer than one worker.
     """
     if executor is not None and not isinstance(executor, str):
-        yield executor if hasattr(executor, "run") else Borrowed(executor)
+        if hasattr(executor, "run"):
+            yield executor
+        elif isinstance(executor, Executor):
+            yield Borrowed(executor)
+        else:
+            allowed = "'processes', 'dask', or a concurrent.futures.Executor, such as Client.get_executor() of Dask"
+            raise ValueError(f"executor = {executor!r}; allowed: {allowed}")
         return
     if workers is not None and workers < 1:
         raise ValueError(f"workers = {workers!r}; allowed: at least 1")
     check_executor(executor)
     workers = workers or available_cores()
     if executor == "dask":
-        with _dask(workers) as client:
+        with dask_client(workers) as client:
             yield Borrowed(client.get_executor())
-    elif min(workers, jobs) > 1:
+    elif min(workers, jobs) > 1 or apart:
         with Processes(min(workers, jobs)) as processes:
             yield processes
     else:
         yield InProcess()
 
 
-def _dask(workers: int) -> Any:
-    """A client with its own cluster, a context manager."""
+_DASK = {
+    # The first death of a worker is ours to judge; Dask would try its task four times, and its neighbours with it.
+    "distributed.scheduler.allowed-failures": 0,
+    # A busy machine may take longer than 15 s to start a new worker, which Dask would then give up for good.
+    "distributed.deploy.lost-worker-timeout": "1h",
+}
+
+
+@contextmanager
+def dask_client(workers: int) -> Iterator[Any]:
+    """A client of a cluster of its own on this machine: one thread in each of its processes.
+
+    Raises:
+        ValueError: Dask is not installed.
+    """
     try:
+        dask: Any = importlib.import_module("dask")
         distributed: Any = importlib.import_module("distributed")
     except ImportError as error:
         raise ValueError("executor 'dask' needs the package distributed: pip install distributed") from error
-    return distributed.Client(n_workers=workers, threads_per_worker=1)
+    with (
+        dask.config.set(_DASK),
+        distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address="127.0.0.1:0",  # any free port
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
 
 
 __all__ = ["Borrowed", "InProcess", "Processes", "Runner", "available_cores", "check_executor", "runner"]

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import integrate
 
 from sins_env.specs import GpsSpec
 
@@ -32,6 +31,8 @@ def fisher_factor(gps: GpsSpec, dimension: int) -> float:
     The vector is s v0, v0 ~ N(0, R), with s^2 = ``contamination_factor`` in a share of the fixes, and times
     dof / chi^2(dof) for heavy tails. With q = v' R^-1 v and the density g(q), it is E[q (2 g'/g)^2] / dimension.
     """
+    from scipy import integrate  # slow to import
+
     dof, m = gps.heavy_tail_dof, dimension
     share = np.array([1 - gps.contamination, gps.contamination])
     scale = np.array([1.0, max(gps.contamination_factor, LEAST_SCALE)])[share > 0]

@@ -67,9 +67,13 @@ def list_all(given: Namespace, console: Console) -> int:
     console.print(table)
     table = _table("solvers", "name", "what")
     for name in registry.names():
-        table.add_row(name, _summary(_safely(name)[0]))
+        package = registry.provider(name)
+        table.add_row(name, escape(_summary(_safely(name)[0]) + (f" [{package}]" if package else "")))
     if not registry.names():
         table.add_row("-", "none installed: pip install . in the project's directory, or use module:Factory")
+    if hidden := registry.shadowed():
+        table.caption = f"not shown, for their names are taken: {', '.join(map(escape, hidden))}; use module:Factory"
+        table.caption_justify = "left"
     console.print(table)
     table = _table("presets", "kind", "names")
     table.add_row("IMU", ", ".join(IMU_PRESETS))

@@ -7,37 +7,34 @@ there on.
 from __future__ import annotations
 
 import math
-import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
+from sins_env.evaluation import resampling
 from sins_env.evaluation.bounds import Bound
+from sins_env.evaluation.resampling import CONFIDENCE, SEED
 from sins_env.evaluation.scoring import NEES_AT, Records
 from sins_env.specs import ARCSEC
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float]
 
-CONFIDENCE = 0.95
-RESAMPLES = 4999
-SEED = 20110607  #: of the bootstrap: a table is the same whenever it is made
 NO_INTERVAL: Interval = (math.nan, math.nan)
+TOGETHER = 64  #: solvers that are resampled together: what fits into memory
 BELOW = 1e-3  #: how often an estimator at the bound is called below it
 
 
 def median_interval(times: Array) -> tuple[float, Interval]:
-    """Median with its percentile-bootstrap interval; censored times are +inf. (R,) s."""
-    rng = np.random.default_rng(SEED)
-    medians = np.concatenate(
-        [np.median(rng.choice(times, (count, len(times))), axis=1) for count in _batches(len(times))]
-    )
-    tail = 50 * (1 - CONFIDENCE)
-    low, high = np.percentile(medians, [tail, 100 - tail], method="inverted_cdf")  # interpolation would make inf - inf
-    return float(np.median(times)), (float(low), float(high))
+    """Median with its percentile-bootstrap interval; censored times are +inf. (R,) s.
+
+    Not BCa: its acceleration comes from leaving out one run, which says nothing of a median.
+    """
+    return float(np.median(times)), resampling.percentile_interval(resampling.resampled_medians(times))
 
 
 def restricted_mean(times: Array, horizon: float) -> float:
@@ -46,42 +43,18 @@ def restricted_mean(times: Array, horizon: float) -> float:
 
 
 def rms_interval(rms: Array) -> tuple[float, Interval]:
-    """RMS across runs of each run's RMS, with a 95 % BCa interval: none for one run, a point for equal ones.
+    """RMS across runs of each run's RMS, with a 95 % BCa interval: none for one run, a point for equal ones. (R,)"""
+    return rms_intervals(rms[:, None])[0]
 
-    The bootstrap resamples the runs' mean squares: within a run the errors are one correlated path.
-    """
+
+def rms_intervals(rms: Array) -> list[tuple[float, Interval]]:
+    """The same for every column of (R, c), in one go."""
     squares = np.square(rms)
-    value = float(np.sqrt(squares.mean()))
-    if len(rms) < 2 or math.isnan(value):
-        return value, NO_INTERVAL
-    if np.ptp(squares) <= 1e-12 * squares.max():
-        return value, (value, value)
-    with warnings.catch_warnings():  # BCa of very few runs may be degenerate; then the percentile interval stands
-        warnings.simplefilter("ignore")
-        low, high = _bootstrap(squares, "BCa")
-        if not (math.isfinite(low) and math.isfinite(high)):
-            low, high = _bootstrap(squares, "percentile")
-    return value, (float(low), float(high))
-
-
-def _bootstrap(squares: Array, method: str) -> Interval:
-    found = stats.bootstrap(
-        (squares,),
-        lambda x, axis=-1: np.sqrt(np.mean(x, axis=axis)),
-        n_resamples=RESAMPLES,
-        batch=max(1_000_000 // len(squares), 1),
-        vectorized=True,
-        confidence_level=CONFIDENCE,
-        method=method,
-        rng=np.random.default_rng(SEED),
-    )
-    return float(found.confidence_interval.low), float(found.confidence_interval.high)
-
-
-def _batches(size: int) -> list[int]:
-    """Resamples in portions of about a million draws."""
-    portion = max(1_000_000 // size, 1)
-    return [min(portion, RESAMPLES - done) for done in range(0, RESAMPLES, portion)]
+    top = resampling.units_of(squares)
+    bottom = resampling.units_of(np.ones((len(rms), 1)))
+    ends = resampling.root_interval(resampling.resampled(top), resampling.resampled(bottom), top, bottom)
+    values = np.sqrt(squares.mean(axis=0))
+    return [(float(value), (float(low), float(high))) for value, (low, high) in zip(values, ends, strict=True)]
 
 
 class Nees(NamedTuple):
@@ -100,8 +73,13 @@ class Nees(NamedTuple):
 def nees_band(runs: int, dof: int = 3) -> Interval:
     """95 % band of the mean of ``runs`` chi-square values."""
     tail = 0.5 * (1 - CONFIDENCE)
-    low, high = stats.chi2.ppf([tail, 1 - tail], dof * runs) / runs
+    low, high = _chi2_quantile(np.array([tail, 1 - tail]), dof * runs) / runs
     return float(low), float(high)
+
+
+def _chi2_quantile(part: Any, dof: int) -> Any:
+    """scipy.stats has it, too, but takes long to import."""
+    return 2 * special.gammaincinv(0.5 * dof, part)
 
 
 def consistency(records: Records) -> tuple[Nees, ...]:
@@ -146,36 +124,7 @@ def below_bound(records: Records, bound: Bound) -> bool | None:
     if not bound.holds:
         return None
     squares = float(np.square(records.final[:, 2] / bound.final[2]).sum())
-    return squares < float(stats.chi2.ppf(BELOW, len(records)))
-
-
-def paired_ratio(records: Records, reference: Records, at_end: bool = False, axis: int = 2) -> tuple[float, Interval]:
-    """RMS over that of a reference in the same runs, with its 95 % percentile-bootstrap interval over pairs.
-
-    Over the steady state, or at T. Where both follow the same noise the interval is several times narrower than that of
-    either RMS.
-
-    Raises:
-        ValueError: no run in common.
-    """
-    _, mine, its = np.intersect1d(records.run, reference.run, return_indices=True)
-    if not len(mine):
-        raise ValueError("runs of the two solvers; allowed: at least one in common")
-    squares = np.stack(
-        [
-            np.square((r.final if at_end else r.steady_rms)[rows, axis])
-            for r, rows in ((records, mine), (reference, its))
-        ]
-    )
-    rng = np.random.default_rng(SEED)
-    drawn = []
-    for count in _batches(len(mine)):
-        rows = rng.integers(len(mine), size=(count, len(mine)))
-        drawn.append(np.sqrt(squares[0][rows].sum(axis=1) / squares[1][rows].sum(axis=1)))
-    tail = 50 * (1 - CONFIDENCE)
-    low, high = np.percentile(np.concatenate(drawn), [tail, 100 - tail])
-    value = math.sqrt(squares[0].sum() / squares[1].sum())
-    return value, (float(low), float(high))
+    return squares < float(_chi2_quantile(BELOW, len(records)))
 
 
 def known_headings(records: Records) -> Array:
@@ -209,7 +158,6 @@ class Summary:
     rms: dict[str, float]  #: over runs and the steady state
     rms_ci: dict[str, Interval]
     rms_final: dict[str, float]  #: over runs, at T
-    rms_final_ci: dict[str, Interval]
     nees: tuple[Nees, ...]
     spread_deg: float  #: of the final heading over runs; tells something only where the truth is the same
     spread_runs: int  #: that have a final heading; those that raised or were lost have none
@@ -237,12 +185,27 @@ def failure_counts(records: Records) -> dict[str, int]:
 
 def summarise(records: Records) -> Summary:
     """All scores of a set of runs."""
+    return summarise_all([records])[0]
+
+
+def summarise_all(parts: Sequence[Records]) -> list[Summary]:
+    """Of each; together, those with the same number of runs share one bootstrap, which is several times faster."""
+    found: list[list[tuple[float, Interval]]] = [[] for _ in parts]
+    for runs in {len(one) for one in parts}:
+        same = [i for i, one in enumerate(parts) if len(one) == runs]
+        for first in range(0, len(same), TOGETHER):
+            some = same[first : first + TOGETHER]
+            intervals = rms_intervals(np.hstack([parts[i].steady_rms for i in some]))
+            for j, i in enumerate(some):
+                found[i] = intervals[3 * j : 3 * j + 3]
+    return [_summary(one, rms) for one, rms in zip(parts, found, strict=True)]
+
+
+def _summary(records: Records, steady: Sequence[tuple[float, Interval]]) -> Summary:
     c = records.criteria
     aligned = records.aligned_s
     median, interval = median_interval(aligned) if c.scored else (math.nan, NO_INTERVAL)
     headings = known_headings(records)
-    steady = [rms_interval(records.steady_rms[:, j]) for j in range(3)]
-    final = [rms_interval(np.abs(records.final[:, j])) for j in range(3)]
     return Summary(
         runs=len(records),
         success=float(_converged(aligned).mean()),
@@ -256,8 +219,7 @@ def summarise(records: Records) -> Summary:
         std=_by_axis(records.steady_std.mean(axis=0) / ARCSEC),
         rms=_by_axis([value / ARCSEC for value, _ in steady]),
         rms_ci={axis: _arcsec(ci) for axis, (_, ci) in zip("ENU", steady, strict=True)},
-        rms_final=_by_axis([value / ARCSEC for value, _ in final]),
-        rms_final_ci={axis: _arcsec(ci) for axis, (_, ci) in zip("ENU", final, strict=True)},
+        rms_final=_by_axis(np.sqrt(np.square(records.final).mean(axis=0)) / ARCSEC),
         nees=consistency(records),
         spread_deg=math.degrees(heading_spread(headings)),
         spread_runs=len(headings),

@@ -8,14 +8,15 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
 from sins_env.evaluation import registry
 from sins_env.evaluation.bounds import Bound
 from sins_env.evaluation.cost import Cost, measure_cost
 from sins_env.evaluation.episode import Job, lost_records
 from sins_env.evaluation.executors import Processes, Runner, runner
-from sins_env.evaluation.metrics import Summary, below_bound, bound_ratio, summarise
+from sins_env.evaluation.isolation import check_timeout
+from sins_env.evaluation.metrics import Summary, below_bound, bound_ratio, summarise_all
 from sins_env.evaluation.scoring import Records
 from sins_env.evaluation.tasks import EvaluationTask, get_task, run_numbers, suite_hash
 
@@ -35,16 +36,19 @@ class Results:
     suite: str  #: hash of the suite seed
     records: Records
     cost: Cost | None = None
+    stored_bound: Bound | Literal["ask"] | None = "ask"  #: of the task, from a results file; "ask": ask the task
 
     @cached_property
     def summary(self) -> Summary:
         """Scores over the runs, with intervals."""
-        return summarise(self.records)
+        return summarise_all([self.records])[0]
 
     @cached_property
     def bound(self) -> Bound | None:
         """Of the task; None where there is none, or where these scores are of other epochs than the task's."""
-        found = self.task.bound() if self.records.criteria.scored else None
+        if not self.records.criteria.scored:
+            return None
+        found = self.task.bound() if self.stored_bound == "ask" else self.stored_bound
         return found if found and found.fits(self.records.criteria) else None
 
     @cached_property
@@ -67,6 +71,13 @@ class Results:
         from sins_env.evaluation.board import as_markdown
 
         return as_markdown([self])
+
+
+def summarise(results: Sequence[Results]) -> None:
+    """Work out the summaries that are not known yet, all at once: several times faster than one after the other."""
+    todo = [one for one in results if "summary" not in vars(one)]
+    for one, summary in zip(todo, summarise_all([one.records for one in todo]), strict=True):
+        vars(one)["summary"] = summary  # where cached_property keeps it
 
 
 def chunks(runs: Sequence[int], size: int | None = None) -> list[tuple[int, ...]]:
@@ -93,6 +104,7 @@ def evaluate(
     executor: Executor | Runner | str | None = None,
     workers: int | None = None,
     chunk: int | None = None,
+    epoch_timeout_s: float | None = None,
     cost: bool = True,
     progress: Report | None = None,
     on_records: Callable[[Records], None] | None = None,
@@ -103,9 +115,13 @@ def evaluate(
         solver: a name, ``module:Factory``, or a class or function (at module level, for worker processes).
         runs: how many, or the numbers of those wanted (from 0 on).
         seed: of the suite; None is the task's own. The hash of a secret one may be published.
-        executor: None or "processes" for worker processes, "dask", any ``concurrent.futures.Executor``.
+        executor: None or "processes" for worker processes, "dask", any ``concurrent.futures.Executor``, which is
+            left open (of Dask: ``Client.get_executor()``).
         workers: processes; None is one per core, 1 stays in this process. Results do not depend on it.
         chunk: runs per batch, by default 64 to 256. Other sizes change results by rounding only (1e-9).
+        epoch_timeout_s: how long one call of the solver may take, whatever the number of runs: a batch that takes longer
+            is halved, and a run has failed if it takes longer alone. The solver has a process of its own then, which
+            may hang or crash at the cost of the runs at fault only. None is no limit.
         cost: measure the time of one step besides, and its ratio to ckf; not where a run was lost.
         progress: called with the simulated seconds done and in all, summed over runs.
         on_records: called in this process with the records of each chunk as it ends; what was handed over
@@ -121,7 +137,8 @@ def evaluate(
     given = dict(settings or {})
     registry.make(solver, given)
     epoch, total = extent(task, len(wanted))
-    jobs = [Job(task, solver, part, given, seed) for part in chunks(wanted, chunk)]
+    check_timeout(epoch_timeout_s)
+    jobs = [Job(task, solver, part, given, seed, epoch_timeout_s) for part in chunks(wanted, chunk)]
     jobs[0].rngs()  # refuses a bad seed here rather than in a worker
     report = progress or (lambda done, total: None)
     parts: list[Records] = []
@@ -133,22 +150,22 @@ def evaluate(
                 on_records(records)
         report(total, total)
         together = Records.concat(parts)
-        measured = _cost(where, task, solver, given, together) if cost else None
+        measured = _cost(where, jobs[0], together) if cost else None
     name = registry.solver_name(solver)
     return Results(task, name, given, suite_hash(task, seed), together, measured)
 
 
-def _cost(
-    where: Runner, task: EvaluationTask, solver: registry.Solver, given: dict[str, Any], records: Records
-) -> Cost | None:
-    """Measured in a worker where there are some; None for a solver that kills its process."""
+def _cost(where: Runner, job: Job, records: Records) -> Cost | None:
+    """Measured in a worker where there are some; None for a solver that kills its process, or stays in it for ever."""
     if (records.status == "lost").any():
         return None
-    return (
-        where.call(measure_cost, task, solver, given)
-        if isinstance(where, Processes)
-        else measure_cost(task, solver, given)
-    )
+    what = job.task, job.solver, job.settings, job.epoch_timeout_s
+    if isinstance(where, Processes):
+        return where.call(measure_cost, *what)
+    if job.epoch_timeout_s is None:
+        return measure_cost(*what)
+    with Processes(1) as worker:  # a step that takes too long ends it
+        return worker.call(measure_cost, *what)
 
 
 def extent(task: EvaluationTask, runs: int) -> tuple[float, float]:
@@ -159,4 +176,4 @@ def extent(task: EvaluationTask, runs: int) -> tuple[float, float]:
     return public.epoch_s, runs * public.num_epochs * public.epoch_s
 
 
-__all__ = ["Report", "Results", "chunks", "evaluate", "extent"]
+__all__ = ["Report", "Results", "chunks", "evaluate", "extent", "summarise"]

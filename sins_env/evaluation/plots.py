@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sins_env.evaluation.board import by_task, ranked
 from sins_env.evaluation.bounds import Bound
@@ -18,6 +19,8 @@ from sins_env.specs import ARCSEC, DEG
 if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+Array = NDArray[np.floating[Any]]
 
 #: Okabe and Ito: told apart with any colour vision; line styles tell solvers apart in print, too.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -110,12 +113,16 @@ def _say_unscored(axes: Axes) -> None:
     axes.text(0.5, 0.5, NO_REFERENCE, transform=axes.transAxes, ha="center", va="center", fontsize=9, color="0.35")
 
 
-def _band(axes: Axes, t: Any, history: Any, unit: float, label: str, i: int) -> None:
-    """RMS over runs (and over the given components) with its band."""
-    runs, samples, parts = history.shape
-    length = np.sqrt(np.square(history, dtype=float).sum(axis=2) / parts).reshape(runs, samples)
-    value, low, high = (np.maximum(curve / unit, 1e-12) for curve in rms_band(length.astype(np.float32)))
-    if runs > 1:
+def error_curve(history: Array, unit: float, resamples: int = 400) -> tuple[Array, Array, Array]:
+    """RMS over runs and components with its band, in ``unit``: (R, S, parts) -> three of (S,); never zero, for log axes."""
+    length = np.sqrt(np.square(history, dtype=float).mean(axis=2)).astype(np.float32)
+    value, low, high = (np.maximum(curve / unit, 1e-12) for curve in rms_band(length, resamples))
+    return value, low, high
+
+
+def _band(axes: Axes, t: Any, history: Array, unit: float, label: str, i: int) -> None:
+    value, low, high = error_curve(history, unit)
+    if len(history) > 1:
         axes.fill_between(t, low, high, color=style(i)["color"], alpha=0.15, linewidth=0)
     axes.plot(t, value, label=label, **style(i))
 

@@ -8,10 +8,13 @@ import importlib.metadata
 import importlib.util
 import inspect
 import os
+import re
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 import sins_env
 from sins_env.errors import unknown
@@ -22,9 +25,55 @@ Factory = Callable[..., Estimator]
 Solver = str | Factory
 
 
+OWN = "sins-env"  #: the distribution whose names nobody else can take
+EntryPoint = importlib.metadata.EntryPoint
+
+
 def names() -> list[str]:
     """The solvers that installed packages offer."""
-    return sorted({point.name for point in importlib.metadata.entry_points(group=GROUP)})
+    return sorted(_offers())
+
+
+def _offers() -> dict[str, list[EntryPoint]]:
+    """Entry points by name, each value once; the project's own solvers come alone."""
+    found: dict[str, list[EntryPoint]] = {}
+    for point in importlib.metadata.entry_points(group=GROUP):
+        same = found.setdefault(point.name, [])
+        if point.value not in [other.value for other in same]:
+            same.append(point)
+    return {name: [p for p in points if _is_own(p)][:1] or points for name, points in found.items()}
+
+
+def _is_own(point: EntryPoint) -> bool:
+    return point.dist is not None and re.sub(r"[-_.]+", "-", point.dist.name).lower() == OWN
+
+
+def _package(point: EntryPoint) -> str:
+    """The top-level package or module of an entry point, which may be misspelt; empty if so."""
+    return point.value.partition(":")[0].strip().partition(".")[0]
+
+
+def provider(solver: Solver) -> str | None:
+    """Name and version of the package that offers a solver by name; None for the project's own and for the unnamed."""
+    points = _offers().get(solver, []) if isinstance(solver, str) else []
+    dists = [point.dist for point in points if point.dist is not None and not _is_own(point)]
+    return ", ".join(f"{dist.name} {dist.version}" for dist in dists) or None
+
+
+def is_own(solver: Solver) -> bool:
+    """Whether a solver is the project's own, by name."""
+    return isinstance(solver, str) and any(_is_own(point) for point in _offers().get(solver, []))
+
+
+def shadowed() -> list[str]:
+    """What other packages offer under a name of the project's own: found by its path only."""
+    own = {name for name, points in _offers().items() if _is_own(points[0])}
+    points = importlib.metadata.entry_points(group=GROUP)
+    return sorted({f"{p.name} of {_origin(p)}" for p in points if p.name in own and not _is_own(p)})
+
+
+def _origin(point: EntryPoint) -> str:
+    return f"{point.dist.name} ({point.value})" if point.dist else point.value
 
 
 def solver_name(solver: Solver) -> str:
@@ -47,14 +96,18 @@ def find(solver: Solver) -> Factory:
         return solver
     if ":" in solver:
         return _from_module(solver)
-    points = {point.name: point for point in importlib.metadata.entry_points(group=GROUP)}
+    points = _offers()
     if solver not in points:
         hint = "" if points else " (no solvers are installed: pip install . in the project's directory)"
         raise ValueError(f"{unknown('solver', solver, points)}, or module:Factory{hint}")
+    point, *others = points[solver]
+    if others:
+        offers = " and ".join(map(_origin, points[solver]))
+        raise ValueError(f"solver {solver!r} is offered by {offers}; allowed: one of them, as module:Factory")
     try:
-        factory = points[solver].load()
-    except Exception as error:
-        raise ValueError(f"solver {solver!r} ({points[solver].value}) cannot be loaded: {_line(error)}") from error
+        factory = point.load()
+    except (Exception, SystemExit) as error:
+        raise ValueError(f"solver {solver!r} ({point.value}) cannot be loaded: {_line(error)}") from error
     return _callable(factory, solver)
 
 
@@ -64,7 +117,7 @@ def _from_module(path: str) -> Factory:
         sys.path.insert(0, os.getcwd())
     try:
         module = importlib.import_module(module_name)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         if isinstance(error, ModuleNotFoundError) and f"{module_name}.".startswith(f"{error.name}."):
             where = f"allowed: module:Factory, importable from {os.getcwd()}"
             raise ValueError(f"solver {path!r}: {error}; {where}") from error
@@ -98,14 +151,17 @@ def make(solver: Solver, settings: Mapping[str, Any] | None = None) -> Estimator
     name, given = solver_name(solver), dict(settings or {})
     try:
         estimator = find(solver)(**given)
+        missing = [part for part in ("batched", "reset", "step") if not hasattr(estimator, part)]
+        batched = None if missing else estimator.batched
     except ValueError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         what = f"settings {given}" if given else "no settings"
         raise ValueError(f"solver {name!r} cannot be made with {what}: {_line(error)}") from error
-    missing = [part for part in ("batched", "reset", "step") if not hasattr(estimator, part)]
     if missing:
         raise ValueError(f"solver {name!r} makes a {type(estimator).__name__} without {', '.join(missing)}")
+    if not isinstance(batched, (bool, np.bool_)):
+        raise ValueError(f"solver {name!r}: batched is {batched!r}; allowed: True or False")
     return estimator
 
 
@@ -127,11 +183,11 @@ def _module_name(solver: Solver) -> str:
         return str(getattr(solver, "__module__", ""))
     if ":" in solver:
         return solver.partition(":")[0]
-    return next((p.module for p in importlib.metadata.entry_points(group=GROUP) if p.name == solver), "")
+    return next((point.value.partition(":")[0].strip() for point in _offers().get(solver, [])), "")
 
 
 #: Parts of the evaluation that decide scores; an edit of the others does not make old results stale.
-_SCORING = ("tasks.py", "episode.py", "scoring.py")
+_SCORING = ("tasks.py", "episode.py", "guard.py", "scoring.py")
 
 
 def _sources(package: str) -> list[Path]:
@@ -159,7 +215,7 @@ def code_version(solver: Solver) -> str:
     source = getattr(module, "__file__", None)
     if module is not None and source:
         files += _sources(module.__name__.partition(".")[0]) or [Path(source)]
-    for package in {p.module.partition(".")[0] for p in importlib.metadata.entry_points(group=GROUP)}:
+    for package in {_package(point) for point in importlib.metadata.entry_points(group=GROUP)}:
         files += _sources(package)
     digest = hashlib.sha256()
     for path in sorted(set(files)):

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from sins_env import attitude
 from sins_env.evaluation import registry
-from sins_env.evaluation.episode import Guard
+from sins_env.evaluation.guard import Guard
 from sins_env.evaluation.outcome import titled
 from sins_env.evaluation.tasks import is_scored
 from sins_env.recordings import heading_pitch_roll, seconds

@@ -6,41 +6,64 @@ import hashlib
 import json
 import math
 import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sins_env.evaluation.scoring import AXES, NEES_AT, Criteria
+from sins_env.evaluation.bounds import Bound
+from sins_env.evaluation.scoring import AXES, NEES_AT, Criteria, Records
+from sins_env.evaluation.tasks import EvaluationTask
 
-SCHEMA_VERSION = 2
-#: From each older schema to the next.
-MIGRATIONS = {1: ("ALTER TABLE runs ADD COLUMN fallbacks INTEGER DEFAULT 0",)}
+Array = NDArray[np.float64]
+
+SCHEMA_VERSION = 3
 KEY = ("task", "suite", "solver", "settings_hash", "code", "run")
 
 _VECTORS = ("t_conv", "hold_max", "steady_mean", "steady_std", "steady_rms", "final")
 _SCALARS = ("heading", "step_s")
-_TEXTS = ("run", "status", "reason", "traceback", "repairs", "fallbacks")
+_TEXTS = ("status", "reason", "traceback")
+_COUNTS = ("run", "repairs", "fallbacks")
+_SHOWN = ("t_conv", "steady_rms", "final", "heading", "nees")  #: in tables
 _VECTOR_COLUMNS = [f"{name}_{axis.lower()}" for name in _VECTORS for axis in AXES]
 _NEES_COLUMNS = [f"nees_{round(100 * part)}" for part in NEES_AT]
 _SCORES = [*_VECTOR_COLUMNS, *_SCALARS, *_NEES_COLUMNS]
-COLUMNS = [*KEY, "settings", "session", *_TEXTS[1:], *_SCORES, "history"]
+COLUMNS = [*KEY, "settings", "session", *_TEXTS, *_COUNTS[1:], *_SCORES]
+
+_RUNS = f"""CREATE TABLE runs (
+    id INTEGER PRIMARY KEY, task TEXT, suite TEXT, solver TEXT, settings_hash TEXT, code TEXT, run INTEGER,
+    settings TEXT, session INTEGER REFERENCES sessions (id), status TEXT, reason TEXT, traceback TEXT,
+    repairs INTEGER, fallbacks INTEGER DEFAULT 0,
+    {", ".join(f"{name} REAL" for name in _SCORES)}, UNIQUE ({", ".join(KEY)}))"""
+#: Apart from the scores, so that a table reads those alone.
+_HISTORIES = "CREATE TABLE histories (id INTEGER PRIMARY KEY REFERENCES runs (id), history BLOB)"
 
 #: rad, and s from the start of fine alignment; t_conv is Inf where censored; NULL is not known.
 SCHEMA = (
     """CREATE TABLE sessions (
         id INTEGER PRIMARY KEY, started TEXT DEFAULT CURRENT_TIMESTAMP, versions TEXT, machine TEXT)""",
-    f"""CREATE TABLE runs (
-        task TEXT, suite TEXT, solver TEXT, settings_hash TEXT, code TEXT, run INTEGER, settings TEXT,
-        session INTEGER REFERENCES sessions (id), status TEXT, reason TEXT, traceback TEXT,
-        repairs INTEGER, fallbacks INTEGER DEFAULT 0,
-        {", ".join(f"{name} REAL" for name in _SCORES)}, history BLOB, PRIMARY KEY ({", ".join(KEY)}))""",
-    "CREATE TABLE tasks (task TEXT PRIMARY KEY, criteria TEXT)",
+    _RUNS,
+    _HISTORIES,
+    "CREATE TABLE tasks (task TEXT PRIMARY KEY, criteria TEXT, definition TEXT, digest TEXT, bound TEXT)",
     """CREATE TABLE costs (
         task TEXT, solver TEXT, settings_hash TEXT, code TEXT, session INTEGER, median_us REAL, p95_us REAL,
         ratio REAL, PRIMARY KEY (task, solver, settings_hash, code))""",
 )
+#: From each older schema to the next.
+MIGRATIONS = {
+    1: ("ALTER TABLE runs ADD COLUMN fallbacks INTEGER DEFAULT 0",),
+    2: (
+        "ALTER TABLE runs RENAME TO old_runs",
+        _RUNS,
+        _HISTORIES,
+        f"INSERT INTO runs (id, {', '.join(COLUMNS)}) SELECT rowid, {', '.join(COLUMNS)} FROM old_runs",
+        "INSERT INTO histories SELECT rowid, history FROM old_runs",
+        "DROP TABLE old_runs",
+        *(f"ALTER TABLE tasks ADD COLUMN {name} TEXT" for name in ("definition", "digest", "bound")),
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -90,30 +113,87 @@ def criteria_of(text: str) -> Criteria:
     return Criteria(**fields)
 
 
+def definition_text(task: EvaluationTask) -> str:
+    return json.dumps({f.name: getattr(task, f.name) for f in fields(task)} | {"kwargs": dict(task.kwargs)})
+
+
+def definition_of(text: str) -> EvaluationTask:
+    """What the present code does not know of is left out."""
+    given: dict[str, Any] = json.loads(text)
+    return EvaluationTask(**{f.name: given[f.name] for f in fields(EvaluationTask) if f.name in given})
+
+
+def binding(text: str) -> dict[str, Any]:
+    """The part of a definition that makes a version: all but the words."""
+    return {name: value for name, value in vars(definition_of(text)).items() if name not in ("what", "source")}
+
+
+def bound_text(bound: Bound | None) -> str:
+    return json.dumps(bound and {name: value.tolist() for name, value in vars(bound).items()})
+
+
+def bound_of(text: str) -> Bound | None:
+    given = json.loads(text)
+    return given and Bound(**{name: np.array(value) for name, value in given.items()})
+
+
 def to_row(key: Key, session: int, run: Mapping[str, Any]) -> tuple[Any, ...]:
     """The fields of :meth:`Records.row` in the order of COLUMNS."""
     numbers = [float(run[name][j]) for name in _VECTORS for j in range(3)]
     numbers += [float(run[name]) for name in _SCALARS] + [float(value) for value in run["nees"]]
-    history = zlib.compress(np.ascontiguousarray(run["history"], dtype="<f4").tobytes())
     told = (str(run["status"]), run["reason"], run["traceback"], int(run["repairs"]), int(run["fallbacks"]))
     head = (*key.values, int(run["run"]), key.settings, session)
-    return (*head, *told, *(None if math.isnan(n) else n for n in numbers), history)
+    return (*head, *told, *(None if math.isnan(n) else n for n in numbers))
 
 
-def of_row(row: Mapping[str, Any], criteria: Criteria) -> dict[str, Any]:
-    """The inverse of :func:`to_row`.
+def to_blob(history: Any) -> bytes:
+    return zlib.compress(np.ascontiguousarray(history, dtype="<f4").tobytes())
+
+
+def numbers_of(whole: bool) -> list[str]:
+    """The columns of numbers that are read: all, or those that tables show."""
+    scores = _SCORES if whole else [name for name in _SCORES if name.startswith(_SHOWN)]
+    return [*_COUNTS, *scores]
+
+
+def to_records(
+    numbers: Array, odd: Mapping[int, Sequence[str]], criteria: Criteria, blobs: Sequence[bytes] | None
+) -> Records:
+    """The inverse of :func:`to_row` and :func:`to_blob`.
+
+    Args:
+        numbers: (R, c), the columns of :func:`numbers_of`.
+        odd: status, reason and traceback by run, of those that have any to tell.
+        blobs: histories; without them scores that were not read are NaN, and histories have length 0.
 
     Raises:
-        TypeError, ValueError, zlib.error: a damaged row.
+        ValueError, zlib.error: a damaged row.
     """
+    names = numbers_of(blobs is not None)
+    columns = dict(zip(names, numbers.T, strict=True))
+    unknown = np.full(len(numbers), np.nan)
+    counts: dict[str, Any] = {name: columns[name].astype(np.int64) for name in _COUNTS}
+    texts = [odd.get(run, ("ok", "", "")) for run in counts["run"].tolist()]
+    if blobs is None:
+        history = np.empty((len(numbers), 0, 3), dtype=np.float32)
+    else:
+        parts = [np.frombuffer(zlib.decompress(blob), dtype="<f4") for blob in blobs]
+        history = np.stack(parts).astype(np.float32).reshape(len(parts), len(criteria.history_t), 3)
+    scores: dict[str, Any] = {
+        name: _stack(columns, [f"{name}_{axis.lower()}" for axis in AXES], unknown) for name in _VECTORS
+    }
+    scores |= {name: columns.get(name, unknown) for name in _SCALARS}
+    return Records(
+        criteria=criteria,
+        status=np.array([text[0] for text in texts]),
+        reason=tuple(text[1] for text in texts),
+        traceback=tuple(text[2] for text in texts),
+        nees=_stack(columns, _NEES_COLUMNS, unknown),
+        history=history,
+        **counts,
+        **scores,
+    )
 
-    def number(name: str) -> float:
-        return math.nan if row[name] is None else float(row[name])
 
-    out: dict[str, Any] = {name: row[name] for name in _TEXTS}
-    out |= {name: np.array([number(f"{name}_{axis.lower()}") for axis in AXES]) for name in _VECTORS}
-    out |= {name: number(name) for name in _SCALARS}
-    out["nees"] = np.array([number(name) for name in _NEES_COLUMNS])
-    history = np.frombuffer(zlib.decompress(row["history"]), dtype="<f4").astype(np.float32)
-    out["history"] = history.reshape(len(criteria.history_t), 3)
-    return out
+def _stack(columns: Mapping[str, Array], names: Sequence[str], unknown: Array) -> Array:
+    return np.stack([columns.get(name, unknown) for name in names], axis=1)

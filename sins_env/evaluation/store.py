@@ -16,7 +16,11 @@ from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
+from sins_env.evaluation.bounds import Bound
 from sins_env.evaluation.cost import Cost
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.rows import (
@@ -26,14 +30,21 @@ from sins_env.evaluation.rows import (
     SCHEMA,
     SCHEMA_VERSION,
     Key,
+    binding,
+    bound_of,
+    bound_text,
     canonical,
     criteria_of,
     criteria_text,
-    of_row,
+    definition_of,
+    definition_text,
+    numbers_of,
+    to_blob,
+    to_records,
     to_row,
 )
 from sins_env.evaluation.scoring import Records
-from sins_env.evaluation.tasks import get_task
+from sins_env.evaluation.tasks import EvaluationTask, digest, get_task
 
 APPLICATION_ID = 0x53494E53  #: "SINS"
 BUSY_S = 30.0
@@ -41,6 +52,16 @@ BUSY_S = 30.0
 
 class StoreError(ValueError):
     """The results file cannot be read or written; the message says which file and why."""
+
+
+class Session(NamedTuple):
+    """One opening of the file that wrote runs."""
+
+    id: int
+    started: str  #: UTC
+    machine: str
+    versions: dict[str, str]  #: of Python and the packages
+    runs: int  #: of those asked for
 
 
 class Store:
@@ -51,6 +72,7 @@ class Store:
         if read_only and not self.path.exists():
             raise StoreError(f"{self.path}: no such results file; sins-env eval makes one")
         self._session: int | None = None
+        self._tasks: dict[str, tuple[EvaluationTask, Bound | Literal["ask"] | None]] = {}
         with self._errors():
             self._db = _open_read_only(self.path) if read_only else _connect(self.path)
             try:
@@ -132,9 +154,65 @@ class Store:
         marks = ", ".join("?" * len(COLUMNS))
         with self._errors(), self._transaction():
             session = self._of_session()
-            rows = [to_row(key, session, records.row(i)) for i in range(len(records))]
-            self._db.execute("INSERT OR IGNORE INTO tasks VALUES (?, ?)", (key.task, criteria_text(records.criteria)))
-            self._db.executemany(f"INSERT OR IGNORE INTO runs ({', '.join(COLUMNS)}) VALUES ({marks})", rows)
+            sql = "INSERT INTO tasks (task, criteria) VALUES (?, ?)"
+            sql += " ON CONFLICT DO UPDATE SET criteria = coalesce(criteria, excluded.criteria)"
+            self._db.execute(sql, (key.task, criteria_text(records.criteria)))
+            sql = f"INSERT OR IGNORE INTO runs ({', '.join(COLUMNS)}) VALUES ({marks}) RETURNING id"
+            for run in map(records.row, range(len(records))):
+                new = self._db.execute(sql, to_row(key, session, run)).fetchone()
+                if new:
+                    self._db.execute("INSERT OR REPLACE INTO histories VALUES (?, ?)", (*new, to_blob(run["history"])))
+
+    def add_task(self, task: EvaluationTask) -> None:
+        """Write what a table needs of a task, so that it can be made from the file alone.
+
+        Raises:
+            ValueError: the file has runs of another task of that name, or of another world.
+        """
+        now, present = definition_text(task), digest(task)
+        bound = bound_text(task.bound())
+        with self._errors(), self._transaction():
+            sql = "SELECT definition, digest FROM tasks WHERE task = ?"
+            held, before = self._db.execute(sql, (task.name,)).fetchone() or (None, None)
+            if held is not None and binding(held) != binding(now):
+                change = "its definition"
+            elif before is not None and before != present:
+                change = f"its world (digest {before}, now {present})"
+            else:
+                sql = "INSERT INTO tasks (task, definition, digest, bound) VALUES (?, ?, ?, ?) ON CONFLICT DO UPDATE"
+                sql += " SET definition = excluded.definition, digest = excluded.digest, bound = excluded.bound"
+                self._db.execute(sql, (task.name, now, present, bound))
+                return
+        raise ValueError(
+            f"{self.path}: {task.name} has changed since its runs were made, {change}; they would not compare: "
+            "a changed task needs a new version, or --db another file"
+        )
+
+    def digest_of(self, task: str) -> str | None:
+        """Of the task's world when its runs were made; None in files that are older than that."""
+        return self._of_task("digest", task)
+
+    def definition_of(self, task: str) -> str | None:
+        """JSON of the task when its runs were made; None in files that are older than that."""
+        return self._of_task("definition", task)
+
+    def _of_task(self, column: str, task: str) -> str | None:
+        with self._errors():
+            found = self._db.execute(f"SELECT {column} FROM tasks WHERE task = ?", (task,)).fetchone()
+        return found[0] if found else None
+
+    def sessions(self, key: Key) -> list[Session]:
+        """Which sessions made the runs of a solver, the earliest first."""
+        where = " AND ".join(f"{name} = ?" for name in KEY[:-1])
+        sql = f"""SELECT session, started, machine, versions, count(*) FROM runs
+            LEFT JOIN sessions ON sessions.id = session WHERE {where} GROUP BY session ORDER BY session"""
+        with self._errors():
+            found = self._db.execute(sql, key.values).fetchall()
+        with self._damage("the sessions"):
+            return [
+                Session(number, started, machine, json.loads(versions), runs)
+                for number, started, machine, versions, runs in found
+            ]
 
     def add_cost(self, key: Key, cost: Cost) -> None:
         """Write, or replace, what a step of the solver costs."""
@@ -152,31 +230,64 @@ class Store:
 
     def keys(self, tasks: Sequence[str] = (), solvers: Sequence[str] = ()) -> list[Key]:
         """What the file holds, of each solver the latest code only, in the order of evaluation."""
-        sql = "SELECT task, suite, solver, settings, code FROM runs GROUP BY 1, 2, 3, 4, 5 ORDER BY max(rowid)"
+        sql = f"""WITH groups AS (SELECT max(id) AS last FROM runs GROUP BY {", ".join(KEY[:-1])})
+            SELECT task, suite, solver, settings, code FROM groups JOIN runs ON id = last ORDER BY last"""
         with self._errors():
             found = [Key(*row) for row in self._db.execute(sql)]
         latest = {(key.task, key.suite, key.solver, key.settings): key for key in found}
         return [k for k in latest.values() if (not tasks or k.task in tasks) and (not solvers or k.solver in solvers)]
 
-    def results(self, key: Key, runs: Container[int] | None = None) -> Results:
-        """The runs of a solver (those in ``runs``, or all) as :func:`evaluate` returns them."""
+    def results(self, key: Key, runs: Container[int] | None = None, whole: bool = True) -> Results:
+        """The runs of a solver (those in ``runs``, or all) as :func:`evaluate` returns them.
+
+        Not ``whole`` is for tables and several times faster: histories are of length 0, and scores that no table shows NaN.
+        """
         where = " AND ".join(f"{name} = ?" for name in KEY[:-1])
         with self._errors():
-            cursor = self._db.execute(f"SELECT {', '.join(COLUMNS)} FROM runs WHERE {where}", key.values)
-            rows = [dict(zip(COLUMNS, row, strict=True)) for row in cursor]
-            rows = [row for row in rows if runs is None or row["run"] in runs]
+            sql = f"SELECT {', '.join(numbers_of(whole))} FROM runs WHERE {where} ORDER BY run"
+            numbers = [row for row in self._db.execute(sql, key.values) if runs is None or row[0] in runs]
+            sql = f"SELECT run, status, reason, traceback FROM runs WHERE {where} AND (status <> 'ok' OR reason <> '')"
+            odd = {run: texts for run, *texts in self._db.execute(sql, key.values)}
+            blobs = self._histories(where, key, runs) if whole else None
             stored = self._db.execute("SELECT criteria FROM tasks WHERE task = ?", (key.task,)).fetchone()
             values = (key.task, key.solver, key.settings_hash, key.code)
             sql = "SELECT median_us, p95_us, ratio FROM costs"
             sql += " WHERE task = ? AND solver = ? AND settings_hash = ? AND code = ?"
             cost = self._db.execute(sql, values).fetchone()
-        try:
-            criteria = criteria_of(stored[0])
-            records = Records.of_rows(criteria, [of_row(row, criteria) for row in rows])
-        except (TypeError, ValueError, KeyError, zlib.error) as error:
-            raise StoreError(f"{self.path}: rows of {key.solver} on {key.task} are damaged ({error})") from error
+        with self._damage(f"rows of {key.solver} on {key.task}"):
+            given = np.array(numbers, dtype=float).reshape(len(numbers), -1)  # NULL becomes NaN
+            records = to_records(given, odd, criteria_of(stored[0]), blobs)
+        task, bound = self._task(key.task)
         settings = json.loads(key.settings)
-        return Results(get_task(key.task), key.solver, settings, key.suite, records, Cost(*cost) if cost else None)
+        return Results(task, key.solver, settings, key.suite, records, Cost(*cost) if cost else None, bound)
+
+    def rows(self, key: Key, columns: Sequence[str]) -> Iterator[tuple[Any, ...]]:
+        """These columns of every run, in their order; None is not known."""
+        where = " AND ".join(f"{name} = ?" for name in KEY[:-1])
+        with self._errors():
+            yield from self._db.execute(f"SELECT {', '.join(columns)} FROM runs WHERE {where} ORDER BY run", key.values)
+
+    def _histories(self, where: str, key: Key, runs: Container[int] | None) -> list[bytes]:
+        sql = f"SELECT run, history FROM runs LEFT JOIN histories USING (id) WHERE {where} ORDER BY run"
+        return [blob or b"" for run, blob in self._db.execute(sql, key.values) if runs is None or run in runs]
+
+    def _task(self, name: str) -> tuple[EvaluationTask, Bound | Literal["ask"] | None]:
+        """The task under which the runs were made, and its bound; the present ones where an older file has neither."""
+        if name not in self._tasks:
+            with self._errors():
+                sql = "SELECT definition, bound FROM tasks WHERE task = ?"
+                definition, bound = self._db.execute(sql, (name,)).fetchone()
+            with self._damage(f"the definition of {name}"):
+                task = get_task(name) if definition is None else definition_of(definition)
+                self._tasks[name] = task, "ask" if bound is None else bound_of(bound)
+        return self._tasks[name]
+
+    @contextmanager
+    def _damage(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except (TypeError, ValueError, KeyError, zlib.error) as error:
+            raise StoreError(f"{self.path}: {what} cannot be read ({error})") from error
 
 
 def _migrate(db: sqlite3.Connection) -> None:
@@ -241,4 +352,4 @@ def _machine() -> str:
     return f"{platform.node()} {platform.machine()} {platform.system()} {platform.release()}"
 
 
-__all__ = ["Key", "Store", "StoreError", "canonical"]
+__all__ = ["Key", "Session", "Store", "StoreError", "canonical"]

@@ -117,18 +117,22 @@ def run_numbers(runs: int | Iterable[int]) -> list[int]:
     return found
 
 
+_SEEDS = "allowed: a whole number that is not negative"
+
+
 def _sequence(task: EvaluationTask, suite_seed: int | None, *key: int) -> np.random.SeedSequence:
     seed = _seed(task, suite_seed)
     return np.random.SeedSequence(seed, spawn_key=(zlib.crc32(task.name.encode()), *key))
 
 
 def _seed(task: EvaluationTask, suite_seed: int | None) -> int:
+    """An error does not repeat what was given: it may be nearly a secret."""
     try:
         seed = operator.index(task.suite_seed if suite_seed is None else suite_seed)
     except TypeError as error:
-        raise ValueError(f"seed = {suite_seed!r}; allowed: a whole number that is not negative") from error
+        raise ValueError(f"seed of type {type(suite_seed).__name__}; {_SEEDS}") from error
     if seed < 0:
-        raise ValueError(f"seed = {seed}; allowed: a whole number that is not negative")
+        raise ValueError(f"seed below 0; {_SEEDS}")
     return seed
 
 
@@ -138,14 +142,25 @@ def run_seed(task: EvaluationTask, run: int, suite_seed: int | None = None) -> i
 
 
 def solver_rng(task: EvaluationTask, solver: str, run: int, suite_seed: int | None = None) -> np.random.Generator:
-    """The stream that one solver draws from in one run."""
-    return np.random.default_rng(_sequence(task, suite_seed, zlib.crc32(solver.encode()), run))
+    """The stream that one solver draws from in one run.
+
+    Its seed sequence, from which it may spawn, is a hash: the suite seed would let a solver make the truth of its run.
+    """
+    source = _sequence(task, suite_seed, zlib.crc32(solver.encode()), run)
+    hashed = hashlib.sha256(repr((source.entropy, source.spawn_key)).encode()).digest()
+    bits = np.random.PCG64(np.random.SeedSequence(int.from_bytes(hashed)))
+    bits.state = np.random.PCG64(source).state
+    return np.random.Generator(bits)
 
 
 def suite_hash(task: EvaluationTask, suite_seed: int | None = None) -> str:
-    """What may be published of a secret suite seed: 16 hex digits of its SHA-256."""
-    seed = _seed(task, suite_seed)
-    return hashlib.sha256(f"sins-env suite {seed}".encode()).hexdigest()[:16]
+    """The name of a suite in files: the first 16 digits of :func:`seed_hash`."""
+    return seed_hash(_seed(task, suite_seed))[:16]
+
+
+def seed_hash(seed: int) -> str:
+    """What is published of a secret suite seed beforehand: 64 hex digits of SHA-256."""
+    return hashlib.sha256(f"sins-env suite {seed}".encode()).hexdigest()
 
 
 DIGEST_EPOCHS = 20

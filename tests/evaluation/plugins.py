@@ -3,10 +3,12 @@
 import dataclasses
 import multiprocessing
 import os
+import re
 import signal
 import time
 
 import numpy as np
+from threadpoolctl import threadpool_info
 
 from sins_env import attitude
 from sins_env.types import NavState
@@ -91,6 +93,11 @@ class At(DeadReckoning):
             os.kill(os.getpid(), signal.SIGKILL)
         if self.how == "leave":
             os._exit(3)
+        if self.how == "hang":  # in C: the interpreter is free
+            while True:
+                time.sleep(3600)
+        if self.how == "stuck":  # in C: the interpreter is not
+            re.match("(a*)*b", "a" * 1000)
         if self.how == "shape":
             return q[..., :3]
         if self.how == "text":
@@ -143,6 +150,42 @@ class Slow(DeadReckoning):
         return super().step(obs)
 
 
+class CountsThreads(DeadReckoning):
+    """Raises where BLAS has more than one thread."""
+
+    def step(self, obs):
+        most = max(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+        if most > 1:
+            raise ArithmeticError(f"{most} BLAS threads")
+        return super().step(obs)
+
+
+class TellsWhere(Slow):
+    """Leaves a file with the number of its process at its tenth epoch."""
+
+    def __init__(self, folder, seconds):
+        super().__init__(seconds)
+        self.folder = folder
+
+    def step(self, obs):
+        if self.k == 9:
+            open(os.path.join(self.folder, str(os.getpid())), "w").close()
+        return super().step(obs)
+
+
+class KillsAfter(DeadReckoning):
+    """Kills its process once there are as many files as ``runs`` in a folder; leaves one itself."""
+
+    def __init__(self, folder, runs):
+        self.folder, self.runs = folder, runs
+
+    def reset(self, task, rng, num_runs=1):
+        super().reset(task, rng, num_runs)
+        if len(os.listdir(self.folder)) >= self.runs:
+            os.kill(os.getpid(), signal.SIGKILL)
+        open(os.path.join(self.folder, str(len(os.listdir(self.folder)))), "w").close()
+
+
 class TellsProcess(DeadReckoning):
     """Ends a process that is no worker."""
 
@@ -150,6 +193,76 @@ class TellsProcess(DeadReckoning):
         super().reset(task, rng, num_runs)
         if multiprocessing.parent_process() is None:
             os._exit(4)
+
+
+class Vandal(DeadReckoning):
+    """Overwrites whatever it is given and has given, and changes how NumPy treats errors."""
+
+    covariance = property()
+    given = None
+
+    def __init__(self, batched=True):
+        self.batched = batched
+
+    def reset(self, task, rng, num_runs=1):
+        super().reset(task, rng, num_runs)
+        for part in task.start:
+            part[...] = 7.0
+        np.seterr(all="raise")
+
+    def step(self, obs):
+        q = super().step(obs)
+        for value in obs.values():
+            value[...] = 1
+        if self.given is None:
+            self.given = np.empty_like(q)
+        self.given[...] = q
+        np.seterr(all="raise")
+        return self.given
+
+
+class BadProperty(DeadReckoning):
+    """Raises when it is asked whether it has a ``covariance`` or ``health``."""
+
+    def __init__(self, name):
+        self.name = name
+
+    def __getattribute__(self, name):
+        if name in ("covariance", "health") and name == object.__getattribute__(self, "name"):
+            raise ArithmeticError(f"no {name}")
+        return object.__getattribute__(self, name)
+
+
+class Base(BaseException):
+    pass
+
+
+class RaisesBase(DeadReckoning):
+    def step(self, obs):
+        raise Base("beyond Exception")
+
+
+class HangsIn(DeadReckoning):
+    """Hangs in ``reset``, ``covariance`` or ``health``."""
+
+    def __init__(self, when):
+        self.when = when
+
+    def _perhaps(self, here):
+        while self.when == here:
+            time.sleep(3600)
+
+    def reset(self, task, rng, num_runs=1):
+        self._perhaps("reset")
+        super().reset(task, rng, num_runs)
+
+    def covariance(self):
+        self._perhaps("covariance")
+        return super().covariance()
+
+    def health(self):
+        self._perhaps("health")
+        return Health(0, -1, 0)
 
 
 class BadReset(DeadReckoning):

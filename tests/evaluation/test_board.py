@@ -40,7 +40,7 @@ def text_of(renderable, width=100):
     return console.file.getvalue()
 
 
-def test_ranks_tie_where_intervals_overlap():
+def test_ranks_tie_where_pairs_cannot_be_told_apart():
     lines = board.ranked([results("c", 3000), results("a", 800), results("b", 850, seed=1), results("d", 9000)])
     assert [(rank, one.solver) for rank, one in lines] == [(1, "a"), (1, "b"), (3, "c"), (4, "d")]
     alone = board.ranked([results("a", 800, runs=1), results("b", 80000, runs=1)])

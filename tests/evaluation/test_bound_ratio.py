@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 from scipy import stats
 
-from sins_env.evaluation import board, bounds, cache, evaluate, get_task, metrics, plots, run_episode, terminal
+from sins_env.evaluation import board, bounds, cache, evaluate, get_task, metrics, paired, plots, run_episode, terminal
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.scoring import Criteria, score
 from sins_env.specs import ARCSEC
@@ -303,14 +303,14 @@ def test_paired_ratio():
     a = results("a", 1.0, runs=400)
     noise = 0.05 * np.random.default_rng(3).standard_normal((400, 3))
     records = dataclasses.replace(a.records, final=1.2 * a.records.final * (1 + noise))
-    value, (low, high) = metrics.paired_ratio(records, a.records, at_end=True)
+    value, (low, high) = paired.paired_ratio(records, a.records, at_end=True)
     assert value == pytest.approx(1.2, rel=0.01)
     assert low < 1.2 < high
     assert high - low < 0.03
-    assert metrics.paired_ratio(records, a.records) == (1.0, (1.0, 1.0))  # the steady state is the same
+    assert paired.paired_ratio(records, a.records) == (1.0, (1.0, 1.0))  # the steady state is the same
     order = np.random.default_rng(4).permutation(400)[:300]
     some = dataclasses.replace(records, run=order, final=records.final[order], steady_rms=records.steady_rms[order])
-    value, (low, high) = metrics.paired_ratio(some, a.records, at_end=True)
+    value, (low, high) = paired.paired_ratio(some, a.records, at_end=True)
     assert value == pytest.approx(1.2, rel=0.01)
     with pytest.raises(ValueError, match="in common"):
-        metrics.paired_ratio(dataclasses.replace(a.records, run=a.records.run + 1000), a.records)
+        paired.paired_ratio(dataclasses.replace(a.records, run=a.records.run + 1000), a.records)

@@ -156,6 +156,40 @@ def test_a_solver_that_ends_its_process_costs_only_its_runs(tmp_path):
     assert "its cost was not measured" in err
 
 
+def test_neither_run_nor_eval_ends_with_its_solver(tmp_path):
+    """os._exit in a plug-in, with one worker; a zoo solver stays where it is."""
+    given = (PLUGIN + "At", "--set", 'how="leave"')
+    process = spawn("run", "short-v0", *given, cwd=tmp_path)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 1
+    why = "run 0: step ended its process (exit code 3), at 0.5 s"
+    assert err == f"sins-env: {PLUGIN}At on short-v0, {why}\n"
+    process = spawn("check", *given, cwd=tmp_path)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert err == f"sins-env: {PLUGIN}At ended its process in the middle of the checks\n"
+    process = spawn("eval", "--task", "short-v0", "--runs", 2, "--workers", 1, "--solver", *given, cwd=tmp_path)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert "2 lost" in out
+    assert "died twice" in err
+
+
+def test_a_solver_that_hangs(cli, short, start_of):
+    at, limit = PLUGIN + "At", ("--set", 'how="stuck"', "--timeout", 1)
+    assert cli("run", "short-v0", at, *limit)[::2] == (
+        1, [f"sins-env: {at} on short-v0, run 0: step took longer than 1 s, at 0.5 s"],
+    )  # fmt: skip
+    code, out, err = cli(*evaluation(*limit, "--set", f"q={json.dumps(start_of(1))}", solver=at, runs=3))
+    assert code == 1
+    assert "1 raised" in out
+    assert err == [f"{at} (how=stuck, q={start_of(1)}) on short-v0, run 1: step took longer than 1 s, at 0.5 s"]
+    for bad in ("0", "-1", "nan", "inf", "soon"):
+        code, _, err = cli(*evaluation("--timeout", bad))
+        assert (code, len(err)) == (2, 1)
+        assert "allowed: a positive number" in err[0]
+
+
 def test_the_board_of_the_makefile(tmp_path):
     """`make board`, with few runs and a suite of its own."""
     pytest.importorskip("solvers")

@@ -7,7 +7,6 @@ import re
 import signal
 import sys
 import time
-import types
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
@@ -264,28 +263,10 @@ def test_close_ends_a_worker_that_is_stuck(short):
     assert time.monotonic() - begin < 10
 
 
-def test_dask_client_is_closed(short, monkeypatch):
-    """With a stand-in for the package: a client is a context manager with an executor."""
-    events = []
-
-    class Client:
-        def __init__(self, n_workers, threads_per_worker):
-            events.append(n_workers)
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            events.append("closed")
-
-        def get_executor(self):
-            return ThreadPoolExecutor(1)
-
-    monkeypatch.setitem(sys.modules, "distributed", types.SimpleNamespace(Client=Client))
-    assert len(run(short, "DeadReckoning", 2, executor="dask", workers=3).records) == 2
-    with pytest.raises(KeyboardInterrupt):
-        run(short, "At", 1, executor="dask", workers=3, settings={"how": "interrupt"})
-    assert events == [3, "closed", 3, "closed"]
+def test_without_dask_one_clear_error(short, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ValueError, match="executor 'dask' needs the package distributed: pip install distributed"):
+        run(short, "DeadReckoning", 2, executor="dask", workers=2)
 
 
 def test_numbers_of_any_kind(short, healthy):

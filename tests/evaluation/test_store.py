@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sins_env.evaluation import evaluate, store
+from sins_env.evaluation import board, evaluate, store, tasks
 from sins_env.evaluation.rows import SCHEMA_VERSION
 from sins_env.evaluation.store import Key, Store, StoreError, canonical
 
@@ -108,37 +108,124 @@ def test_someone_elses_sqlite_and_other_schema(tmp_path):
         Store(tmp_path / "n.sqlite")
 
 
-@pytest.fixture
-def old_file(tmp_path, results, key):
-    """As the first schema had it, with two rows."""
-    path = tmp_path / "old.sqlite"
-    with Store(path) as db:
+_AXES = [f"{name}_{axis}" for name in ("t_conv", "hold_max", "steady_mean", "steady_std", "steady_rms", "final")
+         for axis in "enu"]  # fmt: skip
+_NUMBERS = [*_AXES, "heading", "step_s", "nees_25", "nees_50", "nees_75", "nees_100"]
+_OLD_COLUMNS = ["task", "suite", "solver", "settings_hash", "code", "run", "settings", "session", "status", "reason",
+                "traceback", "repairs", *_NUMBERS]  # fmt: skip
+
+
+@pytest.fixture(params=[1, 2])
+def old_file(request, tmp_path, results, key):
+    """As the first and second schema had it: histories in the table of runs, no definitions of tasks."""
+    with Store(tmp_path / "new.sqlite") as db:
         db.add(key, dataclasses.replace(results.records, fallbacks=np.full(4, 9)))
+    path = tmp_path / "old.sqlite"
     db = sqlite3.connect(path)
-    db.execute("ALTER TABLE runs DROP COLUMN fallbacks")
-    db.execute("PRAGMA user_version = 1")
-    db.commit()
+    fallbacks = ["fallbacks"] * (request.param > 1)
+    words = ["task", "suite", "solver", "settings_hash", "code", "settings", "status", "reason", "traceback"]
+    kinds = {name: "TEXT" for name in words} | {name: "REAL" for name in _NUMBERS}
+    columns = [*_OLD_COLUMNS, *fallbacks]
+    table = ", ".join(f"{name} {kinds.get(name, 'INTEGER')}" for name in columns)
+    db.executescript(f"""
+        CREATE TABLE sessions (
+            id INTEGER PRIMARY KEY, started TEXT DEFAULT CURRENT_TIMESTAMP, versions TEXT, machine TEXT);
+        CREATE TABLE runs ({table}, history BLOB, PRIMARY KEY (task, suite, solver, settings_hash, code, run));
+        CREATE TABLE tasks (task TEXT PRIMARY KEY, criteria TEXT);
+        CREATE TABLE costs (
+            task TEXT, solver TEXT, settings_hash TEXT, code TEXT, session INTEGER, median_us REAL, p95_us REAL,
+            ratio REAL, PRIMARY KEY (task, solver, settings_hash, code));
+        ATTACH '{tmp_path / "new.sqlite"}' AS new;
+        INSERT INTO runs ({", ".join([*columns, "history"])})
+            SELECT {", ".join([*columns, "history"])} FROM new.runs JOIN new.histories USING (id) ORDER BY run DESC;
+        INSERT INTO tasks SELECT task, criteria FROM new.tasks;
+        INSERT INTO sessions SELECT * FROM new.sessions;
+        PRAGMA application_id = {store.APPLICATION_ID};
+        PRAGMA user_version = {request.param};
+        """)
     db.close()
-    return path
+    return path, 9 * (request.param > 1)
 
 
-def test_a_file_of_the_first_schema_is_read_and_left_as_it_is(old_file, results, key):
-    before = old_file.read_bytes()
-    with Store(old_file, read_only=True) as db:
-        found = db.results(key).records
-    np.testing.assert_array_equal(found.final, results.records.final)
-    np.testing.assert_array_equal(found.fallbacks, 0)
-    assert old_file.read_bytes() == before
+def test_a_file_of_an_older_schema_is_read_and_left_as_it_is(old_file, results, key):
+    path, fallbacks = old_file
+    before = path.read_bytes()
+    with Store(path, read_only=True) as db:
+        found = db.results(key)
+    np.testing.assert_array_equal(found.records.final, results.records.final)
+    np.testing.assert_array_equal(found.records.history, results.records.history)
+    np.testing.assert_array_equal(found.records.fallbacks, fallbacks)
+    assert found.task == results.task  # of the present code, for want of another
+    assert found.bound is not None
+    assert path.read_bytes() == before
 
 
-def test_a_file_of_the_first_schema_is_brought_up_to_date(old_file, results, key):
+def test_a_file_of_an_older_schema_is_brought_up_to_date(old_file, results, key):
+    path, fallbacks = old_file
     for _ in range(2):
-        with Store(old_file) as db:
+        with Store(path) as db:
             db.add(dataclasses.replace(key, code="2"), dataclasses.replace(results.records, fallbacks=np.arange(4)))
-    with Store(old_file, read_only=True) as db:
+            db.add_task(results.task)
+    with Store(path, read_only=True) as db:
         assert db._db.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
-        np.testing.assert_array_equal(db.results(key).records.fallbacks, 0)
+        found = db.results(key).records
+        np.testing.assert_array_equal(found.fallbacks, fallbacks)
+        np.testing.assert_array_equal(found.history, results.records.history)
         np.testing.assert_array_equal(db.results(dataclasses.replace(key, code="2")).records.fallbacks, range(4))
+        assert db.digest_of(key.task) == tasks.digest(results.task)
+
+
+# ---- from the file alone ----
+
+
+def test_a_table_needs_no_definition_and_no_bound_but_those_in_the_file(tmp_path, monkeypatch, results, key, short):
+    """Neither the task is known any more, nor may anything be simulated."""
+    bound = short.bound()
+    with Store(tmp_path / "r.sqlite") as db:
+        db.add_task(short)
+        db.add(key, results.records)
+    monkeypatch.delitem(tasks.TASKS, "short-v0")
+    monkeypatch.setattr(tasks.EvaluationTask, "make", None)
+    with Store(tmp_path / "r.sqlite", read_only=True) as db:
+        found = db.results(key)
+    assert found.task == short
+    np.testing.assert_array_equal(found.bound.sigma, bound.sigma)
+    assert found.bound.fits(found.records.criteria)
+    assert found.bound_ratio["U"] > 0
+    assert board.as_json([found])
+    with Store(tmp_path / "old.sqlite") as db:
+        db.add(key, results.records)
+        with pytest.raises(StoreError, match="definition of short-v0 cannot be read"):
+            db.results(key)
+
+
+def test_for_tables_only_what_they_show_is_read(tmp_path, results, key):
+    with Store(tmp_path / "r.sqlite") as db:
+        db.add(key, results.records)
+        db._db.execute("UPDATE histories SET history = x'00'")
+        found = db.results(key, whole=False)
+    assert found.records.history.shape == (4, 0, 3)
+    assert np.isnan(found.records.hold_max).all()
+    whole = results.summary
+    for name in ("success", "t_conv_ci_s", "rms", "rms_ci", "rms_final", "nees", "counts", "fallbacks"):
+        assert getattr(found.summary, name) == getattr(whole, name), name
+    assert found.records.reason == results.records.reason
+    assert found.records.traceback == results.records.traceback
+    form = {"as_csv", "as_json", "as_markdown"}
+    found, given = (dataclasses.replace(one, stored_bound=None) for one in (found, results))
+    assert all(getattr(board, name)([found]) == getattr(board, name)([given]) for name in form)
+
+
+def test_a_changed_task_is_refused(tmp_path, monkeypatch, results, key, short):
+    with Store(tmp_path / "r.sqlite") as db:
+        db.add_task(short)
+        db.add_task(dataclasses.replace(short, what="in other words", source="elsewhere"))
+        for change in ({"hold_s": 6.0}, {"delta_azimuth_deg": 0.8}, {"kwargs": {**short.kwargs, "latitude_deg": 41.0}}):
+            with pytest.raises(ValueError, match=r"short-v0 has changed .*, its definition; .* needs a new version"):
+                db.add_task(dataclasses.replace(short, **change))
+        monkeypatch.setattr(store, "digest", lambda task: "0123456789abcdef")  # the code of the world was edited
+        with pytest.raises(ValueError, match=r"its world \(digest \w{16}, now 0123456789abcdef\)"):
+            db.add_task(short)
 
 
 def test_missing_and_empty(tmp_path):
@@ -187,8 +274,8 @@ def test_read_only_directory(tmp_path, results, key):
 def test_damaged_row(tmp_path, results, key):
     with Store(tmp_path / "r.sqlite") as db:
         db.add(key, results.records)
-        db._db.execute("UPDATE runs SET history = x'00' WHERE run = 1")
-        with pytest.raises(StoreError, match="damaged"):
+        db._db.execute("UPDATE histories SET history = x'00' WHERE id = 1")
+        with pytest.raises(StoreError, match="cannot be read"):
             db.results(key)
 
 

@@ -1,0 +1,210 @@
+"""Two solvers on the same runs: every solver meets the same noise, so their quotient is known better than either score.
+
+Ratios of RMS: BCa intervals over pairs. Success: Bonett and Price (2012), doi 10.3102/1076998611411915, which also holds
+where no run differs. Probability of improvement: Wilson's score interval, conservative where runs tie. Median times:
+percentile interval over pairs (leaving out one run says nothing of a median, so there is no BCa); a difference of two
+censored medians is unknown and widens the interval on both sides.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from sins_env.evaluation import resampling
+from sins_env.evaluation.metrics import NO_INTERVAL, Interval
+from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.scoring import Records
+
+Array = NDArray[np.float64]
+Estimate = tuple[float, Interval]  #: with its 95 % interval
+
+#: Fewer common runs tell nothing apart: of five, chance puts one solver ahead in all more often than once in twenty.
+LEAST_RUNS = 6
+_Z = float(special.ndtri(resampling.TAILS[1]))
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What the common runs say of solver ``a`` against solver ``b``; each with its 95 % interval."""
+
+    task: str
+    a: str
+    b: str
+    runs: int  #: in common
+    ratio: Estimate  #: azimuth RMS of a over that of b, in the steady state
+    ratio_at_end: Estimate  #: the same at T
+    success: Estimate  #: of a minus that of b
+    better: Estimate  #: probability that a has the smaller steady azimuth error in a run; ties count half
+    median_s: Estimate  #: median time to alignment of a minus that of b, s; NaN where both are censored
+
+    @property
+    def differ(self) -> bool:
+        """Whether the ranking criterion, the steady azimuth RMS, tells them apart."""
+        return apart(self.runs, self.ratio[1])
+
+    def __str__(self) -> str:
+        verdict = f"{self.a if self.ratio[0] < 1 else self.b} is more accurate" if self.differ else "not told apart"
+        if self.runs < LEAST_RUNS:
+            verdict += f" (fewer than {LEAST_RUNS} runs)"
+        lines = (
+            f"{self.a} against {self.b} on {self.task}, {self.runs} common run{'s' * (self.runs > 1)}: {verdict}",
+            f"  azimuth RMS, ratio         {_text(self.ratio, '.3f')}",
+            f"  the same at the end        {_text(self.ratio_at_end, '.3f')}",
+            f"  success, difference        {_text(self.success, '+.1%')}",
+            f"  smaller error in a run     {_text(self.better, '.1%')}",
+            f"  median time, difference    {_text(self.median_s, '+.1f')} s",
+        )
+        return "\n".join(lines)
+
+
+def _text(estimate: Estimate, form: str) -> str:
+    value, (low, high) = estimate
+    shown = "unknown" if math.isnan(value) else format(value, form)
+    return shown if math.isnan(low) else f"{shown} [{low:{form}}, {high:{form}}]"
+
+
+def apart(runs: int, ratio: Interval) -> bool:
+    """Whether a paired interval of a ratio excludes 1; never for few runs, or without an interval."""
+    return runs >= LEAST_RUNS and (ratio[0] > 1 or ratio[1] < 1)
+
+
+def compare(a: Results, b: Results) -> Comparison:
+    """Solver ``a`` against solver ``b`` over the runs that both have.
+
+    Raises:
+        ValueError: other tasks or suites, no run in common, or a task without a truth.
+    """
+    if (a.task.name, a.suite) != (b.task.name, b.suite):
+        given = ", ".join(f"{one.label} on {one.task.name} (suite {one.suite})" for one in (a, b))
+        raise ValueError(f"{given}; allowed: the same task and suite")
+    if not a.records.criteria.scored:
+        raise ValueError(f"{a.task.name} has no truth; allowed: tasks whose errors are scored")
+    mine, its = common(a.records, b.records)
+    x, y = a.records, b.records
+    errors = x.steady_rms[mine, 2], y.steady_rms[its, 2]
+    times = x.aligned_s[mine], y.aligned_s[its]
+    return Comparison(
+        task=a.task.name,
+        a=a.label,
+        b=b.label,
+        runs=len(mine),
+        ratio=ratio_of_rms(*errors),
+        ratio_at_end=ratio_of_rms(x.final[mine, 2], y.final[its, 2]),
+        success=difference_of_rates(*(np.isfinite(one) for one in times)),
+        better=probability_of_less(*errors),
+        median_s=difference_of_medians(*times),
+    )
+
+
+def common(a: Records, b: Records) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows of the runs that both have.
+
+    Raises:
+        ValueError: there are none.
+    """
+    _, mine, its = np.intersect1d(a.run, b.run, assume_unique=True, return_indices=True)
+    if not len(mine):
+        raise ValueError("runs of the two solvers; allowed: at least one in common")
+    return mine, its
+
+
+def ratio_of_rms(a: Array, b: Array) -> Estimate:
+    """RMS of (R,) over that of (R,), BCa."""
+    top, bottom = (resampling.units_of(np.square(one)[:, None]) for one in (a, b))
+    return _ratio(top, bottom, resampling.resampled(top), resampling.resampled(bottom))
+
+
+def paired_ratio(records: Records, reference: Records, at_end: bool = False, axis: int = 2) -> Estimate:
+    """RMS over that of a reference in the common runs: over the steady state, or at T.
+
+    Where both follow the same noise the interval is several times narrower than that of either RMS.
+
+    Raises:
+        ValueError: no run in common.
+    """
+    mine, its = common(records, reference)
+    a, b = ((r.final if at_end else r.steady_rms)[rows, axis] for r, rows in ((records, mine), (reference, its)))
+    return ratio_of_rms(a, b)
+
+
+def _ratio(top: Array, bottom: Array, drawn_top: Array, drawn_bottom: Array) -> Estimate:
+    """Of columns (units, 1) with their resampled sums (RESAMPLES, 1)."""
+    ((low, high),) = resampling.root_interval(drawn_top, drawn_bottom, top, bottom)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value = float(np.sqrt(top.sum() / bottom.sum()))
+    return value, (float(low), float(high))
+
+
+def difference_of_rates(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> Estimate:
+    """Paired proportions, a minus b."""
+    n = len(a)
+    only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
+    p, q = (only_a + 1) / (n + 2), (only_b + 1) / (n + 2)
+    half = _Z * math.sqrt((p + q - (p - q) ** 2) / (n + 2))
+    return (only_a - only_b) / n, (max(p - q - half, -1.0), min(p - q + half, 1.0))
+
+
+def probability_of_less(a: Array, b: Array) -> Estimate:
+    """Part of the pairs in which a is less than b; ties count half."""
+    n = len(a)
+    part = float(((a < b) + 0.5 * (a == b)).mean())
+    centre, half = part + _Z**2 / (2 * n), _Z * math.sqrt(part * (1 - part) / n + _Z**2 / (4 * n**2))
+    scale = 1 + _Z**2 / n
+    return part, (max((centre - half) / scale, 0.0), min((centre + half) / scale, 1.0))
+
+
+def difference_of_medians(a: Array, b: Array) -> Estimate:
+    """Median of a minus that of b; censored times are +inf. NaN ends where there is a single run."""
+    n = len(a)
+    value = _minus(np.median(a), np.median(b), np.nan)
+    if n < 2:
+        return float(value), NO_INTERVAL
+    rng = np.random.default_rng(resampling.SEED)
+    parts: list[tuple[Array, Array]] = []
+    portion = max(1_000_000 // n, 1)
+    for done in range(0, resampling.RESAMPLES, portion):
+        rows = rng.integers(n, size=(min(portion, resampling.RESAMPLES - done), n))
+        parts.append((np.median(a[rows], axis=1), np.median(b[rows], axis=1)))
+    drawn_a, drawn_b = (np.concatenate(part) for part in zip(*parts, strict=True))
+    low, _ = resampling.percentile_interval(_minus(drawn_a, drawn_b, -np.inf))
+    _, high = resampling.percentile_interval(_minus(drawn_a, drawn_b, np.inf))
+    return float(value), (low, high)
+
+
+def _minus(a: Any, b: Any, both_censored: float) -> Any:
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isinf(a) & np.isinf(b), both_censored, np.subtract(a, b))
+
+
+class Pairing:
+    """Solvers of one task against each other, in azimuth, with one resampling for all that have the same runs."""
+
+    def __init__(self, results: Sequence[Results]) -> None:
+        self.results = list(results)
+        runs = [one.records.run.tobytes() for one in self.results]
+        usual = max(runs, key=runs.count, default=b"")
+        self._place = {i: j for j, i in enumerate(i for i, one in enumerate(runs) if one == usual)}
+        if self._place:
+            squares = np.stack([np.square(self.results[i].records.steady_rms[:, 2]) for i in self._place], axis=1)
+            self._units = resampling.units_of(squares)
+            self._drawn = resampling.resampled(self._units)
+
+    def apart(self, i: int, j: int) -> bool:
+        """Whether two solvers differ: by pairs, or, without a common run, by intervals that do not overlap."""
+        a, b = self.results[i], self.results[j]
+        if i in self._place and j in self._place:
+            p, q = ([self._place[k]] for k in (i, j))
+            found = _ratio(self._units[:, p], self._units[:, q], self._drawn[:, p], self._drawn[:, q])
+            return apart(len(a.records), found[1])
+        both = np.intersect1d(a.records.run, b.records.run, assume_unique=True)
+        if len(both):
+            return apart(len(both), paired_ratio(a.records, b.records)[1])
+        one, other = a.summary.rms_ci["U"], b.summary.rms_ci["U"]
+        return one[1] < other[0] or other[1] < one[0]

@@ -1,0 +1,164 @@
+"""The leaderboard as one HTML file that needs nothing else: no network, no JavaScript.
+
+Tables say what the terminal says, in the same words (board.py). One task is in memory at a time. The same results file
+gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from sins_env.evaluation import board
+from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.report_figures import DASHES, Drawing, Look, Task, drawings
+from sins_env.evaluation.report_tables import Cell, Failure, Row, failures_of, heads_of, rows_of, with_unit
+from sins_env.evaluation.store import Key, Session, Store
+from sins_env.evaluation.svg import LOOKS
+from sins_env.evaluation.tasks import EvaluationTask
+
+MOST_NAMED = LOOKS  #: solvers in colour; of more, the best; the rest are grey
+MOST_REASONS = 60  #: lines of a table of failures
+
+
+class Section(NamedTuple):
+    """A task on the page."""
+
+    anchor: str
+    task: EvaluationTask
+    suite: str
+    scored: bool
+    heads: list[tuple[str, str]]
+    rows: list[Row]
+    notes: list[str]
+    legend: list[tuple[str, Look]]
+    others: int
+    has_bound: bool
+    holds: bool
+    drawings: list[Drawing]
+    failures: list[Failure]
+    failed: int  #: runs
+    reasons_left: int
+    runs: int
+    fewest: int
+    most: int
+    leaders: list[str]
+    best: Cell
+    digest: str | None  #: of the task's world
+    sessions: list[tuple[str, Session]]  #: with the code
+
+
+def html_report(
+    store: Store, keys: Sequence[Key], progress: Callable[[float, float], None] = lambda done, total: None
+) -> str:
+    """The page of these keys of a store.
+
+    Args:
+        progress: called with the number of solvers done and in all.
+
+    Raises:
+        ValueError: jinja2 is not installed.
+    """
+    template = _template()
+    groups: dict[tuple[str, str], list[Key]] = {}
+    for key in keys:
+        groups.setdefault((key.task, key.suite), []).append(key)
+    looks: dict[str, Look] = {}  # a solver looks the same in every task
+    sections, done = [], 0
+    for number, group in enumerate(groups.values()):
+        results = []
+        for key in group:
+            results.append(store.results(key))
+            done += 1
+            progress(done - 0.5, len(keys))
+        made = store.digest_of(group[0].task), _sessions(store, group)
+        sections.append(_section(f"t{number}", results, made, looks))
+        progress(done, len(keys))
+    css = Path(__file__).with_name("report.css").read_text()
+    solvers = {(key.solver, key.settings) for key in keys}
+    many_suites = len({key.suite for key in keys}) > 1
+    page: str = template.render(
+        sections=sections, css=css, solvers=len(solvers), dashes=DASHES, many_suites=many_suites
+    )
+    return page
+
+
+def check_jinja2() -> None:
+    """Raises ValueError if the template engine is missing."""
+    _jinja2()
+
+
+def _jinja2() -> Any:
+    try:
+        return importlib.import_module("jinja2")
+    except ImportError as error:
+        raise ValueError('report needs the package jinja2: pip install "sins-env[report]"') from error
+
+
+def _template() -> Any:
+    jinja2 = _jinja2()
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["compact"] = lambda value: json.dumps(value, sort_keys=True)
+    return environment.get_template("report.html.j2")
+
+
+def _section(
+    anchor: str,
+    results: Sequence[Results],
+    made: tuple[str | None, list[tuple[str, Session]]],
+    looks: dict[str, Look],
+) -> Section:
+    lines = board.ranked(results)
+    group = [one for _, one in lines]
+    named = [one.label for one in group[:MOST_NAMED]]
+    for label in named:
+        looks.setdefault(label, Look(len(looks)))
+    task = Task(group, {label: looks[label] for label in named}, anchor)
+    failures = failures_of(group)
+    runs = [len(one.records) for one in group]
+    first = group[0].summary
+    value = with_unit(first.rms["U"]), board.angle_interval(first.rms_ci["U"])
+    digest, sessions = made
+    return Section(
+        anchor=anchor,
+        task=group[0].task,
+        suite=group[0].suite,
+        scored=first.scored,
+        heads=heads_of(group),
+        rows=rows_of(lines, task),
+        notes=board.footer(group).split("\n"),
+        legend=[(label, task.looks[label]) for label in named],
+        others=len(group) - len(named),
+        has_bound=task.bound is not None,
+        holds=task.bound is not None and bool(task.bound.holds),
+        drawings=drawings(task),
+        failures=failures[:MOST_REASONS],
+        reasons_left=len(failures[MOST_REASONS:]),
+        failed=sum(one.summary.failures for one in group),
+        runs=sum(runs),
+        fewest=min(runs),
+        most=max(runs),
+        leaders=[one.label for rank, one in lines if rank == 1] if first.scored else [],
+        best=Cell(*value) if first.scored else Cell("-", "not scored: no reference"),
+        digest=digest,
+        sessions=sessions,
+    )
+
+
+def _sessions(store: Store, keys: Iterable[Key]) -> list[tuple[str, Session]]:
+    """Code with session, runs of all solvers summed; in the order of time."""
+    found: dict[tuple[int, str], Session] = {}
+    for key in keys:
+        for session in store.sessions(key):
+            before = found.get((session.id, key.code))
+            found[session.id, key.code] = session._replace(runs=session.runs + (before.runs if before else 0))
+    return [(code, session) for (_, code), session in sorted(found.items(), key=lambda item: item[0])]

@@ -1,0 +1,301 @@
+"""The report's figures of one task, each a small panel of its own that a phone can show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env.evaluation.board import angle, number, success_text
+from sins_env.evaluation.bounds import Bound
+from sins_env.evaluation.metrics import success_profile
+from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.plots import STYLES, error_curve
+from sins_env.evaluation.svg import LOOKS, PAGE, inline
+from sins_env.specs import ARCSEC, DEG
+
+if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+WIDTH, HEIGHT, FONT = 400, 290, 12.0  #: pixels, about as wide as a phone
+SAMPLES = 140  #: of a curve over time
+MARKERS = "osD^vPX*"
+DASHES = ("", "9 3", "2 2.4", "11 2.6 2 2.6")  #: as STYLES, for the legend of the page
+
+
+class Look(NamedTuple):
+    """Of a solver that is told apart; the others are grey."""
+
+    number: int
+
+    @property
+    def name(self) -> str:
+        """The page's variable."""
+        return f"look-{self.number % LOOKS}"
+
+    @property
+    def dash(self) -> int:
+        return (self.number + self.number // LOOKS) % len(STYLES)
+
+    @property
+    def marker(self) -> str:
+        return MARKERS[self.number % LOOKS]
+
+
+class Drawing(NamedTuple):
+    title: str
+    caption: str
+    svg: str
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the figures of a task show: its solvers, the best first."""
+
+    lines: Sequence[Results]
+    looks: Mapping[str, Look]  #: by label
+    prefix: str  #: of identifiers
+
+    @property
+    def bound(self) -> Bound | None:
+        return next((one.bound for one in self.lines if one.bound), None)
+
+    @property
+    def back_to_front(self) -> list[Results]:
+        """The grey ones first, the best last."""
+        return sorted(reversed(self.lines), key=lambda one: one.label in self.looks)
+
+
+def drawings(task: Task) -> list[Drawing]:
+    """All figures of a task; of a recording without a reference its spread against the cost."""
+    costs = [_cost(task)] if any(one.cost for one in task.lines) else []
+    if not task.lines[0].summary.scored:
+        return costs
+    over_time = [_over_time(task, azimuth=True), _over_time(task, azimuth=False)]
+    return [*over_time, _aligned(task), _profile(task, azimuth=True), _profile(task, azimuth=False), *costs]
+
+
+class _Panel:
+    """One figure with one pair of axes."""
+
+    def __init__(self, task: Task, name: str) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self.task, self.prefix = task, f"{task.prefix}-{name}"
+        self.figure: Figure = Figure(figsize=(WIDTH / 72, HEIGHT / 72), dpi=72, layout="constrained")
+        FigureCanvasAgg(self.figure)
+        self.axes: Axes = self.figure.add_subplot()
+        self.names: dict[str, str] = {}
+
+    def style(self, one: Results, told: str = "") -> dict[str, Any]:
+        """Of a solver's line, with its tooltip."""
+        gid = f"named-{len(self.names)}"
+        self.names[gid] = f"{one.label}{told and ': '}{told}"
+        look = self.task.looks.get(one.label)
+        if look is None:
+            return {"gid": gid, "color": PAGE["other"], "linewidth": 0.9, "zorder": 1.5}
+        return {"gid": gid, "color": PAGE[look.name], "linestyle": STYLES[look.dash], "linewidth": 1.8, "zorder": 2.5}
+
+    def told(self, one: Results) -> bool:
+        return one.label in self.task.looks
+
+    def svg(self, title: str, description: str, **settings: Any) -> str:
+        """Axes in the page's colours, then the figure."""
+        from matplotlib.ticker import FuncFormatter, NullFormatter
+
+        axes, ink, grid = self.axes, PAGE["ink"], PAGE["grid"]
+        axes.set(**settings)
+        axes.grid(color=grid, linewidth=0.8)
+        axes.spines[["top", "right"]].set_visible(False)
+        for side in ("left", "bottom"):
+            axes.spines[side].set(color=grid, linewidth=1.2)
+        axes.tick_params(which="both", color=grid, labelcolor=ink, labelsize=FONT)
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.label.set(color=ink, size=FONT)
+            if axis.get_scale() == "log":
+                axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+                low, high = sorted(axis.get_view_interval())
+                if high < 30 * low:
+                    axis.set_minor_formatter(FuncFormatter(_of_few))
+                    axis.set_tick_params(which="minor", labelsize=FONT)
+                else:
+                    axis.set_minor_formatter(NullFormatter())
+        return inline(self.figure, self.prefix, title, description, self.names)
+
+
+def _of_few(value: float, _: Any) -> str:
+    """Less than a decade and a half of a log axis needs labels between the decades."""
+    return f"{value:g}" if f"{value:e}"[0] in "25" else ""
+
+
+def _best(task: Task, say: Any) -> str:
+    """'ckf 731", ekf 783", ...' of the first five."""
+    more = f"; and {len(task.lines) - 5} more" if len(task.lines) > 5 else ""
+    return ", ".join(f"{one.label} {say(one)}" for one in task.lines[:5]) + more
+
+
+def _shown(one: Results, axis: str = "U") -> str:
+    text = angle(one.summary.rms[axis])
+    return text if text.endswith("°") else f"{text}″"
+
+
+def _over_time(task: Task, azimuth: bool) -> Drawing:
+    parts, unit, name = (slice(2, 3), DEG, "azimuth") if azimuth else (slice(0, 2), ARCSEC, "level")
+    panel, criteria = _Panel(task, "ta" if azimuth else "tl"), task.lines[0].records.criteria
+    axes, all_t = panel.axes, np.asarray(criteria.history_t, dtype=float)
+    picked = np.unique(np.linspace(0, len(all_t) - 1, SAMPLES).round().astype(int))
+    t, least = all_t[picked], np.inf
+    for one in task.back_to_front:
+        told = panel.told(one)
+        value, low, high = error_curve(one.records.history[:, picked, parts], unit, 400 if told else 1)
+        style = panel.style(one)
+        if told and len(one.records) > 1:
+            axes.fill_between(t, low, high, color=style["color"], alpha=0.16, linewidth=0, zorder=2)
+        axes.plot(t, value, **style)
+        least = min(least, float(np.nanmin(value, initial=np.inf)))
+    delta = float(criteria.delta[parts][0]) / unit
+    axes.axhline(delta, color=PAGE["ink"], linestyle=(0, (1, 2)), linewidth=1.2)
+    if task.bound:
+        sigma = np.sqrt(np.square(task.bound.sigma[:, parts]).mean(axis=1)) / unit
+        axes.plot(task.bound.t, sigma, **_bound_style(task.bound))
+        least = min(least, float(sigma.min()))
+    if criteria.coarse_s:
+        axes.axvspan(0, criteria.coarse_s, color=PAGE["grid"], alpha=0.5, linewidth=0)
+    axes.set_yscale("log")
+    axes.set_ylim(bottom=max(0.8 * least, 1e-4 * delta))
+    said = _best(task, lambda one: _shown(one) if azimuth else f"{_shown(one, 'E')} east, {_shown(one, 'N')} north")
+    what = f"RMS of the {name} error over runs against time. In the steady state: {said}."
+    caption = "RMS over runs with 95 % bands"
+    if any(one.records.unfinished.any() for one in task.lines):
+        caption += "; runs that raised or were lost end there"
+    if criteria.coarse_s:
+        caption += f"; shaded: {criteria.coarse_s:g} s coarse alignment"
+    title = f"{name.capitalize()} error over time"
+    label = f"{name} error, {'deg' if azimuth else 'arcsec'}"
+    svg = panel.svg(title, what, xlabel="time, s", ylabel=label, xlim=(0, criteria.duration_s))
+    return Drawing(title, caption, svg)
+
+
+def _bound_style(bound: Bound) -> dict[str, Any]:
+    """Solid where it holds, dashed where it is a reference only."""
+    dash = "-" if bound.holds else (0, (5, 3))
+    return {"color": PAGE["ink"], "linewidth": 1.1, "linestyle": dash, "zorder": 3}
+
+
+def _aligned(task: Task) -> Drawing:
+    """How many runs have aligned by a time: those that never do keep the curve below 100 %."""
+    panel, criteria = _Panel(task, "al"), task.lines[0].records.criteria
+    end = criteria.duration_s - criteria.coarse_s
+    for one in task.back_to_front:
+        times = np.sort(one.records.aligned_s)
+        known = times[np.isfinite(times)]
+        part = 100 * np.arange(len(known) + 1) / len(times)
+        x, y = np.r_[0.0, known, end], np.r_[part, part[-1]]
+        if len(x) > SAMPLES:
+            kept = np.unique(np.linspace(0, len(x) - 1, SAMPLES).round().astype(int))
+            x, y = x[kept], y[kept]
+        panel.axes.step(x, y, where="post", **panel.style(one, success_text(one.summary)))
+    said = _best(task, lambda one: success_text(one.summary))
+    what = f"Part of the runs that are aligned, against time. At the end: {said}."
+    title = "Runs aligned by a time"
+    svg = panel.svg(
+        title,
+        what,
+        xlabel="time from the start of fine alignment, s",
+        ylabel="% of runs",
+        ylim=(-3, 103),
+        xlim=(0, end),
+    )
+    return Drawing(title, "all three errors within the thresholds from then on", svg)
+
+
+def _profile(task: Task, azimuth: bool) -> Drawing:
+    name, unit, unit_name = ("azimuth", DEG, "deg") if azimuth else ("level", ARCSEC, "arcsec")
+    panel, criteria = _Panel(task, "pa" if azimuth else "pl"), task.lines[0].records.criteria
+    delta = float(criteria.delta[2 if azimuth else 0]) / unit
+    for one in task.back_to_front:
+        deltas, success = success_profile(one.records)[slice(0, 2) if azimuth else slice(2, 4)]
+        panel.axes.step(deltas / unit, 100 * success, where="post", **panel.style(one))
+    panel.axes.axvline(delta, color=PAGE["ink"], linestyle=(0, (1, 2)), linewidth=1.2)
+    panel.axes.set_xscale("log")
+    index = 2 if azimuth else slice(0, 2)
+
+    def within(one: Results) -> str:
+        largest = one.records.hold_max[:, index].reshape(len(one.records), -1).max(axis=1)
+        return f"{100 * float((largest <= criteria.delta[index].min()).mean()):.0f} %"
+
+    what = (
+        f"Part of the runs within a threshold, against the threshold. At {delta:g} {unit_name}: {_best(task, within)}."
+    )
+    held = f"{name} within the threshold for the last {criteria.hold_s:g} s"
+    title = f"Convergence profile, {name}"
+    label = f"threshold of the {name}, {unit_name}"
+    svg = panel.svg(
+        title,
+        what,
+        xlabel=label,
+        ylabel="% of runs",
+        ylim=(-3, 103),
+        xlim=(0.03 * delta, 10 * delta),
+    )
+    return Drawing(title, held, svg)
+
+
+def _cost(task: Task) -> Drawing:
+    """Error against cost, and the front that no solver is below and left of."""
+    panel, scored = _Panel(task, "co"), task.lines[0].summary.scored
+    relative = all(one.cost.ratio is not None for one in task.lines if one.cost)
+    points = []
+    for one in task.back_to_front:
+        cost, y, ci = _position(one, relative, scored)
+        if not (np.isfinite(cost) and np.isfinite(y) and y > 0):
+            continue
+        style, look = panel.style(one), task.looks.get(one.label)
+        colour, order = style["color"], style["zorder"]
+        if np.isfinite(ci).all():
+            panel.axes.plot([cost, cost], ci, color=colour, linewidth=1.2 if look else 0.8, zorder=order)
+        marker: dict[str, Any] = {
+            "marker": look.marker if look else "o",
+            "markersize": 8 if look else 4.5,
+            "linestyle": "",
+        }
+        panel.axes.plot([cost], [y], color=colour, gid=style["gid"], zorder=order + 0.1, markeredgewidth=0, **marker)
+        points.append((cost, y))
+    front = _front(points)
+    if len(front) > 1:
+        x, y = np.array(front).T
+        panel.axes.step(x, y, where="post", color=PAGE["ink"], linewidth=1, linestyle=(0, (2, 2)), zorder=1)
+    if scored and task.bound:
+        panel.axes.axhline(task.bound.steady[2] / DEG, **_bound_style(task.bound))
+    panel.axes.set(xscale="log", yscale="log")
+    panel.axes.margins(x=0.12, y=0.1)
+    name = "azimuth RMS" if scored else "heading spread"
+    unit = "cost of a step / ckf" if relative else "time of a step, µs"
+    said = _best(task, lambda one: f"{number(_position(one, relative, scored)[0], 2)}, {_shown(one)}" if scored else "")
+    title = "Error against cost" if scored else "Spread against cost"
+    told = f"{title}: {name} over the {unit}. {said}."
+    caption = f"{name}{' with 95 % interval' if scored else ''}; dotted: the Pareto front"
+    return Drawing(title, caption, panel.svg(title, told, xlabel=unit, ylabel=f"{name}, deg"))
+
+
+def _position(one: Results, relative: bool, scored: bool) -> tuple[float, float, Array]:
+    """Cost, error in deg and its interval; NaN where it is not known."""
+    cost = (one.cost.ratio if relative else one.cost.median_us) if one.cost else None
+    value = one.summary.rms["U"] / 3600 if scored else one.summary.spread_deg
+    ci = np.array(one.summary.rms_ci["U"] if scored else (np.nan, np.nan)) / 3600
+    return (np.nan if cost is None else cost), value, ci
+
+
+def _front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    out: list[tuple[float, float]] = []
+    for x, y in sorted(points):
+        if not out or y < out[-1][1]:
+            out.append((x, y))
+    return out

@@ -1,0 +1,157 @@
+"""The rows of the report's tables, in the words of the terminal's (board.py)."""
+
+from __future__ import annotations
+
+import math
+import re
+import statistics
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
+
+from sins_env.evaluation import board
+from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.report_figures import Look, Task
+from sins_env.specs import ARCSEC
+
+AXIS = 5.0  #: the column of intervals ends at so many times the median RMS
+_WHEN = re.compile(r",? at (\d+(?:\.\d+)?) s\b")
+
+
+class Cell(NamedTuple):
+    """A value, what stands below it, and how it is marked: good, fair, bad or nothing."""
+
+    value: str
+    below: str = ""
+    mark: str = ""
+
+
+class Whisker(NamedTuple):
+    """An RMS with its interval on the log axis of its column: parts of the width; beyond 1 it is off the axis."""
+
+    value: float
+    low: float
+    high: float
+    bound: float | None
+
+
+class Row(NamedTuple):
+    rank: str
+    name: str
+    more: list[str]  #: module and settings
+    look: Look | None
+    whisker: Whisker | None
+    cells: list[Cell]
+
+
+class Failure(NamedTuple):
+    """Runs of one solver that failed for one reason."""
+
+    solver: str
+    status: str
+    reason: str
+    runs: int
+    which: str
+    when: str
+
+
+def with_unit(arcsec: float) -> str:
+    """With the unit that the tables leave out."""
+    text = board.angle(arcsec)
+    return text if text.endswith("°") else f"{text}″"
+
+
+def heads_of(group: Sequence[Results]) -> list[tuple[str, str]]:
+    """Columns right of the solver: heading and unit."""
+    heads = [
+        ("azimuth RMS", "arcsec"),
+        ("runs aligned", ""),
+        ("median time", "s"),
+        ("east RMS", "arcsec"),
+        ("north RMS", "arcsec"),
+    ]
+    heads += [("RMS / bound", "azimuth")] if any(one.bound for one in group) else []
+    heads += [("NEES / 3", "")] if any(one.summary.nees for one in group) else []
+    heads += [("failed", "runs"), ("cost / ckf", "")]
+    return heads + ([("heading spread", "°")] if group[0].task.windows else [])
+
+
+def rows_of(lines: Sequence[tuple[int, Results]], task: Task) -> list[Row]:
+    group = [one for _, one in lines]
+    names = [name for name, _ in heads_of(group)]
+    whisker = _whiskers(group, task)
+    out = []
+    for rank, one in lines:
+        module, _, name = one.solver.rpartition(":")
+        more = ([module] if module else []) + [f"{name}={value}" for name, value in sorted(one.settings.items())]
+        cells = _cells(one)
+        scored = one.summary.scored
+        kept = [cells[name] for name in names]
+        out.append(Row(str(rank) if scored else "-", name, more, task.looks.get(one.label), whisker(one), kept))
+    return out
+
+
+def _cells(one: Results) -> dict[str, Cell]:
+    s = one.summary
+    nees, inside = board.nees_text(s)
+    ratio, below = board.bound_text(one)
+    aligned = "" if not s.scored else "good" if s.success >= 0.95 else "fair" if s.success >= 0.5 else "bad"
+    failed = board.failure_text(s)
+    rms = [Cell(board.angle(s.rms[axis]), board.angle_interval(s.rms_ci[axis])) for axis in "UEN"]
+    return {
+        "azimuth RMS": rms[0],
+        "runs aligned": Cell(board.success_text(s), f"of {s.runs}", aligned),
+        "median time": Cell(board.seconds(s.t_conv_median_s), board.seconds_interval(s.t_conv_ci_s)),
+        "east RMS": rms[1],
+        "north RMS": rms[2],
+        "RMS / bound": Cell(ratio, "below" if below else "", "bad" if below else ""),
+        "NEES / 3": Cell(nees, "outside" if inside is False else "", {None: "", True: "good", False: "fair"}[inside]),
+        "failed": Cell(failed.replace(", ", "\n"), "", "bad" if s.failures else ""),
+        "cost / ckf": Cell(board.cost_text(one)),
+        "heading spread": Cell(*board.spread_text(s)),
+    }
+
+
+def _whiskers(group: Sequence[Results], task: Task) -> Callable[[Results], Whisker | None]:
+    """Places of the azimuth's RMS and interval; a few solvers that fail are off the axis, lest they flatten the others."""
+    bound = float(task.bound.steady[2]) / ARCSEC if task.bound else None
+    values = [one.summary.rms["U"] for one in group]
+    ends = [end for one in group for end in (one.summary.rms["U"], *one.summary.rms_ci["U"])] + [bound or math.nan]
+    known = [math.log(end) for end in ends if math.isfinite(end) and end > 0]
+    low, high = (min(known), max(known)) if known else (0.0, 0.0)
+    usual = statistics.median(values)
+    if usual > 0:
+        high = min(high, math.log(AXIS * usual))
+
+    def place(value: float) -> float:
+        return (math.log(value) - low) / (high - low) if value > 0 else 0.0
+
+    def whisker(one: Results) -> Whisker | None:
+        value = one.summary.rms["U"]
+        if not math.isfinite(value) or high <= low:
+            return None
+        ci = [end if math.isfinite(end) else value for end in one.summary.rms_ci["U"]]
+        return Whisker(place(value), place(ci[0]), place(ci[1]), place(bound) if bound else None)
+
+    return whisker
+
+
+def failures_of(group: Iterable[Results]) -> list[Failure]:
+    """Grouped by what is said but for its time, the most frequent first within each solver."""
+    out = []
+    for one in group:
+        r = one.records
+        found: dict[tuple[str, str], list[tuple[int, list[float]]]] = {}
+        for run, status, reason in zip(r.run, r.status, r.reason, strict=True):
+            if status != "ok":
+                times = [float(t) for t in _WHEN.findall(reason)]
+                found.setdefault((str(status), _WHEN.sub("", reason)), []).append((int(run), times))
+        repaired = r.repairs > 0
+        if repaired.any():
+            text = f"covariance repaired, {int(r.repairs.sum())} times in all"
+            found[("repaired", text)] = [(int(run), []) for run in r.run[repaired]]
+        for (status, reason), runs in sorted(found.items(), key=lambda item: (-len(item[1]), item[0])):
+            times = [t for _, ts in runs for t in ts]
+            when = "" if not times else f"{min(times):g}" + (f"–{max(times):g}" if max(times) > min(times) else "")
+            which = ", ".join(str(run) for run, _ in runs[:8]) + (", …" if len(runs) > 8 else "")
+            out.append(Failure(one.label, status, reason, len(runs), which, when))
+    return out

@@ -1,0 +1,150 @@
+"""Whether stored scores can be made again: random rows are run once more and compared.
+
+Rows are verifiable where task, solver and code are the present ones and the seed of their suite is given. A changed world
+(digest) or definition of a task is a difference, too.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sins_env.evaluation import monte_carlo, registry
+from sins_env.evaluation.executors import Runner
+from sins_env.evaluation.rows import Key, binding, definition_text
+from sins_env.evaluation.scoring import AXES, NEES_AT, Records
+from sins_env.evaluation.store import Store
+from sins_env.evaluation.tasks import TASKS, digest, suite_hash
+
+TOLERANCE = 1e-9  #: relative
+_ERRORS = ("hold_max", "steady_mean", "steady_std", "steady_rms", "final")
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What came of it."""
+
+    runs: int  #: run again
+    differences: tuple[str, ...]  #: a line for each run, or task, that is not what is stored
+    left_out: dict[str, int] = field(default_factory=dict)  #: rows that cannot be verified, by reason
+
+
+def verify(
+    store: Store,
+    keys: Sequence[Key],
+    rows: int,
+    seed: int | None = None,
+    draw: int | None = None,
+    *,
+    where: Runner | None = None,
+    progress: monte_carlo.Report | None = None,
+) -> Verified:
+    """Run so many rows again.
+
+    Args:
+        seed: of a hidden suite; None: the tasks' own.
+        draw: seed of the choice of rows; None: another choice every time.
+        where: worker processes, or None for this process.
+    """
+    left_out: dict[str, int] = {}
+    changed: dict[str, str] = {}
+    candidates: list[tuple[int, int]] = []
+    for i, key in enumerate(keys):
+        runs = sorted(store.runs_of(key))
+        reason = _obstacle(key, seed)
+        if reason:
+            left_out[reason] = left_out.get(reason, 0) + len(runs)
+            continue
+        if key.task not in changed:
+            changed[key.task] = _change(store, key.task)
+        candidates += [(i, run) for run in runs]
+    count = min(rows, len(candidates))
+    chosen = np.random.default_rng(draw).permutation(len(candidates))[:count].tolist()
+    differences = [text for text in changed.values() if text]
+    by_key: dict[int, list[int]] = {}
+    for at in sorted(chosen):
+        by_key.setdefault(candidates[at][0], []).append(candidates[at][1])
+    done = 0
+    for i, runs in by_key.items():
+        key = keys[i]
+
+        def report(part: float, total: float, before: int = done, here: int = len(runs)) -> None:
+            if progress:
+                progress(before + here * part / total, count)
+
+        found = monte_carlo.evaluate(
+            key.task, key.solver, runs, seed, settings=json.loads(key.settings), executor=where, cost=False,
+            workers=None if where else 1, progress=report,
+        )  # fmt: skip
+        stored = store.results(key, runs)
+        differences += [f"{stored.label} on {key.task}, {text}" for text in compare_runs(stored.records, found.records)]
+        done += len(runs)
+    return Verified(done, tuple(differences), left_out)
+
+
+def _obstacle(key: Key, seed: int | None) -> str:
+    """Why these rows cannot be run again; empty where they can."""
+    if key.task not in TASKS:
+        return f"{key.task} is no task of this version"
+    try:
+        code = registry.code_version(key.solver)
+    except ValueError:
+        return f"no solver {key.solver} here"
+    if code != key.code:
+        return f"made with code {key.code}, this is {code}"
+    if key.suite != suite_hash(TASKS[key.task], seed):
+        return f"of suite {key.suite}: --seed must be given, or is another's"
+    return ""
+
+
+def _change(store: Store, name: str) -> str:
+    """How a task differs from that under which the runs were made; empty where it does not."""
+    before, now = store.digest_of(name), digest(TASKS[name])
+    if before not in (None, now):
+        return f"{name}: its world has changed, digest {before} stored, {now} now"
+    held = store.definition_of(name)
+    if held is not None and binding(held) != binding(definition_text(TASKS[name])):
+        return f"{name}: its definition has changed"
+    return ""
+
+
+def compare_runs(stored: Records, now: Records) -> list[str]:
+    """A line for each run that differs: its first score that does. Timing, texts and histories are left out."""
+    out = []
+    for i, run in enumerate(stored.run):
+        if run != now.run[i]:
+            raise ValueError(f"run {now.run[i]}; allowed: the same runs in the same order")
+        text = _difference(stored.row(i), now.row(i))
+        if text:
+            out.append(f"run {run}: {text}")
+    return out
+
+
+def _difference(stored: dict[str, Any], now: dict[str, Any]) -> str:
+    for name in ("status", "repairs", "fallbacks"):
+        if stored[name] != now[name]:
+            return f"{name} {stored[name]} stored, {now[name]} now"
+    size = np.nan_to_num(stored["steady_rms"])  # of errors that nearly cancel, as a mean may
+    for name in _ERRORS:
+        for j, axis in enumerate(AXES):
+            text = _unequal(f"{name} {axis}", stored[name][j], now[name][j], size[j])
+            if text:
+                return f"{text} rad"
+    others = [(f"t_conv {axis}", stored["t_conv"][j], now["t_conv"][j]) for j, axis in enumerate(AXES)]
+    others += [("heading", stored["heading"], now["heading"])]
+    others += [(f"nees at {part:.0%}", stored["nees"][j], now["nees"][j]) for j, part in enumerate(NEES_AT)]
+    return next(filter(None, (_unequal(*other) for other in others)), "")
+
+
+def _unequal(name: str, stored: float, now: float, size: float = 0.0) -> str:
+    if (math.isnan(stored) and math.isnan(now)) or stored == now:
+        return ""
+    close = abs(stored - now) <= TOLERANCE * max(abs(stored), abs(now), size)
+    if close and math.isfinite(stored) and math.isfinite(now):
+        return ""
+    return f"{name} {stored:.12g} stored, {now:.12g} now"

@@ -1,0 +1,254 @@
+"""Rows are made again; what was tampered with, or belongs to another code, world or suite, is told from what is equal."""
+
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sins_env.evaluation import evaluate, registry, tasks
+from sins_env.evaluation.cli import main
+from sins_env.evaluation.store import Key, Store
+from sins_env.evaluation.verify import compare_runs, verify
+
+PLUGIN = "evaluation.plugins:"
+SECRET = 271828182845904523536028747135266249775724709
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
+
+
+def fill(short, solver, runs=5, seed=None, code=None, **settings):
+    found = evaluate(short, PLUGIN + solver, runs, seed, workers=1, settings=settings, cost=False)
+    key = Key.of(short.name, found.suite, PLUGIN + solver, settings, code or registry.code_version(PLUGIN + solver))
+    with Store("results.sqlite") as db:
+        db.add_task(short)
+        db.add(key, found.records)
+    return key
+
+
+def check(rows=100, seed=None, **more):
+    with Store("results.sqlite", read_only=True) as db:
+        return verify(db, db.keys(), rows, seed, draw=0, **more)
+
+
+def tamper(sql):
+    with Store("results.sqlite") as db:
+        db._db.execute(sql)
+
+
+def test_what_is_as_stored(short):
+    """Sampled solvers, failed runs and other settings included, whatever batch the rows were made in."""
+    fill(short, "Noisy", 7)
+    fill(short, "At", 3, epoch=150)
+    fill(short, "At", 2, how="nan")
+    done = []
+    found = check(progress=lambda part, total: done.append((part, total)))
+    assert (found.runs, found.differences, found.left_out) == (12, (), {})
+    assert done[-1] == (12, 12)
+    assert all(total == 12 for _, total in done)
+    assert check(rows=4).runs == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ("final_u = final_u * (1 + 3e-9)", "run 3: final U "),
+        ("t_conv_e = 4.0", "run 3: t_conv E 4 stored, "),
+        ("heading = NULL", "run 3: heading nan stored, "),
+        ("status = 'diverged', reason = 'x'", "run 3: status diverged stored, ok now"),
+        ("repairs = 2", "run 3: repairs 2 stored, 0 now"),
+        ("nees_50 = 3.0", "run 3: nees at 50% 3 stored, "),
+        ("steady_mean_n = -steady_mean_n", "run 3: steady_mean N "),
+    ],
+)
+def test_a_changed_score_is_found(short, change, text):
+    fill(short, "DeadReckoning")
+    tamper(f"UPDATE runs SET {change} WHERE run = 3")
+    found = check()
+    assert found.runs == 5
+    (line,) = found.differences
+    assert line.startswith(f"{PLUGIN}DeadReckoning on short-v0, {text}")
+
+
+def test_rounding_is_no_difference(short):
+    fill(short, "DeadReckoning")
+    tamper("UPDATE runs SET final_u = final_u * (1 + 3e-10), step_s = 9, heading = heading * (1 - 3e-10)")
+    assert check().differences == ()
+    found = evaluate(short, PLUGIN + "DeadReckoning", 2, workers=1, cost=False).records
+    mean = 1e-6 * found.steady_rms + 1e-11 * found.steady_rms  # a mean that cancels has the rounding of its terms
+    one, other = (dict(vars(found), steady_mean=value) for value in (mean, 1e-6 * found.steady_rms))
+    assert compare_runs(type(found)(**one), type(found)(**other)) == []
+    with pytest.raises(ValueError, match="the same runs"):
+        compare_runs(found, evaluate(short, PLUGIN + "DeadReckoning", [1, 2], workers=1, cost=False).records)
+
+
+def test_what_cannot_be_verified(short, monkeypatch):
+    fill(short, "DeadReckoning", 2)
+    fill(short, "Noisy", 3, code="0.0.9+deadbeef")
+    fill(short, "Told", 4, seed=SECRET)
+    fill(short, "Lost", 1)
+    tamper(f"UPDATE runs SET solver = 'nobodys' WHERE solver = '{PLUGIN}Lost'")
+    found = check()
+    assert (found.runs, found.differences) == (2, ())
+    assert sorted(found.left_out.values()) == [1, 3, 4]
+    reasons = " | ".join(found.left_out)
+    for part in ("0.0.9+deadbeef", "no solver nobodys here", "--seed must be given"):
+        assert part in reasons
+    monkeypatch.delitem(tasks.TASKS, "short-v0")
+    found = check()
+    assert found.runs == 0
+    assert found.left_out == {"short-v0 is no task of this version": 10}
+
+
+def test_a_changed_world_is_found(short):
+    fill(short, "DeadReckoning", 2)
+    tamper("UPDATE tasks SET digest = '0123456789abcdef'")
+    (line,) = check().differences
+    assert line.startswith("short-v0: its world has changed, digest 0123456789abcdef stored, ")
+    tamper("UPDATE tasks SET digest = NULL, definition = replace(definition, '\"hold_s\": 5.0', '\"hold_s\": 7.0')")
+    assert check().differences == ("short-v0: its definition has changed",)
+
+
+def test_the_command(short, capsys, monkeypatch):
+    fill(short, "DeadReckoning", 3)
+    assert main(["verify", "--rows", "2", "--workers", "1"]) == 0
+    out, err = capsys.readouterr()
+    assert (out, err) == ("2 runs made again: equal to 1e-9\n", "")
+    tamper("UPDATE runs SET final_e = 1.0 WHERE run = 1")
+    assert main(["verify", "--workers", "1"]) == 1
+    err = capsys.readouterr().err.splitlines()
+    assert "run 1: final E 1 stored, " in err[0]
+    assert err[-1] == "sins-env: results.sqlite: 1 differences in 3 runs"
+    tamper("UPDATE runs SET code = 'old'")
+    assert main(["verify", "--workers", "1"]) == 1
+    err = capsys.readouterr().err.splitlines()
+    assert err[0].startswith("not verifiable, 3 runs: made with code old, this is ")
+    assert err[-1] == "sins-env: results.sqlite: no run could be verified"
+
+
+def test_compare_command(short, capsys):
+    for solver in ("DeadReckoning", "Told"):
+        fill(short, solver, 8)
+    assert main(["compare", "short-v0", PLUGIN + "Told", PLUGIN + "DeadReckoning"]) == 0
+    assert f"{PLUGIN}Told against {PLUGIN}DeadReckoning on short-v0, 8 common runs: " in capsys.readouterr().out
+    assert main(["compare", "short-v0", PLUGIN + "Told", "ckf"]) == 2
+    fill(short, "Noisy", 8, seed=5)
+    assert main(["compare", "short-v0", PLUGIN + "Told", PLUGIN + "Noisy"]) == 2
+    assert "no suite in common" in capsys.readouterr().err
+
+
+# ---- the hidden suite ----
+
+
+class Peeking:
+    """Raises with all that its generators tell of their seeds."""
+
+    batched = True
+
+    def reset(self, task, rng, num_runs=1):
+        raise RuntimeError(f"{[(one.bit_generator.seed_seq, one.bit_generator.state) for one in rng]} {vars(task)}")
+
+    def step(self, obs):
+        raise NotImplementedError
+
+
+def test_a_secret_seed_stays_secret(short, monkeypatch, capsys):
+    """In the file, on the screen, in errors: only the hash; even if the solver puts all it knows into its exception."""
+    monkeypatch.setattr("sys.stdin", io.StringIO(f"{SECRET}\n"))
+    given = ["eval", "--task", "short-v0", "--solver", PLUGIN + "Noisy", "evaluation.test_verify:Peeking"]
+    assert main([*given, "--runs", "3", "--workers", "1", "--seed", "-"]) == 1
+    monkeypatch.setattr("sys.stdin", io.StringIO(f"{SECRET}x\n"))
+    assert main([*given, "--seed", "-"]) == 2
+    assert main([*given, "--seed", f"-{SECRET}"]) == 2
+    assert main(["board", "--json"]) == main(["board", "--csv"]) == main(["export", "--json", "r.json"]) == 0
+    said = "".join(capsys.readouterr()) + Path("r.json").read_text()
+    assert "SeedSequence" in said
+    told = said.encode() + b"".join(path.read_bytes() for path in Path().glob("results.sqlite*"))
+    assert tasks.seed_hash(SECRET)[:16].encode() in told
+    for secret in (SECRET, int(SECRET) & (2**64 - 1)):
+        assert str(secret).encode() not in told
+        assert f"{secret:x}".encode() not in told
+    assert main(["verify", "--workers", "1", "--solver", PLUGIN + "Noisy"]) == 1
+    monkeypatch.setattr("sys.stdin", io.StringIO(f"{SECRET}\n"))
+    assert main(["verify", "--workers", "1", "--solver", PLUGIN + "Noisy", "--seed", "-"]) == 0
+    assert str(SECRET) not in "".join(capsys.readouterr())
+
+
+def test_a_solver_cannot_make_the_truth_from_its_generator(short):
+    """The stream is that of the suite's seed sequence; what it spawns is another for each run."""
+    rng = tasks.solver_rng(short, "s", 3, SECRET)
+    plain = np.random.default_rng(tasks._sequence(short, SECRET, tasks.zlib.crc32(b"s"), 3))
+    np.testing.assert_array_equal(rng.random(5), plain.random(5))
+    sequence = rng.bit_generator.seed_seq
+    assert SECRET not in (sequence.entropy, *sequence.spawn_key)
+    spawned = {tasks.solver_rng(short, "s", run, SECRET).spawn(1)[0].random() for run in range(20)}
+    assert len(spawned) == 20
+
+
+def test_suite_hash(capsys, monkeypatch, short):
+    monkeypatch.setattr("sys.stdin", io.StringIO(f"{SECRET}\n"))
+    assert main(["suite-hash"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert len(out.strip()) == 64
+    assert out.startswith(tasks.suite_hash(short, SECRET))
+    assert main(["suite-hash", "--seed", "12"]) == 0
+    assert "can be guessed" in capsys.readouterr().err
+    for seed in (-SECRET, SECRET + 0.5, str(SECRET)):
+        with pytest.raises(ValueError, match="allowed: a whole number") as raised:
+            tasks.suite_hash(short, seed)
+        assert "2718" not in str(raised.value)
+
+
+# ---- size ----
+
+
+def test_board_of_200_000_rows(capsys):
+    """40 solvers on 5 tasks, 1000 runs each; below 2 s on a quiet machine, five times that is allowed here."""
+    names = ["sway-white-v0", "sway-markov-v0", "sway-told-wrong-v0", "sway-jump-v0", "sway-heavytail-v0"]
+    make_large_file(Path("large.sqlite"), names, solvers=40, runs=1000)
+    command = [sys.executable, "-c", "from sins_env.evaluation.cli import main; raise SystemExit(main())"]
+    done = subprocess.run(
+        ["bash", "-c", 'TIMEFORMAT="%R %U %S"; time "$@"', "-", *command, "board", "--db", "large.sqlite"],
+        capture_output=True, text=True, env={**os.environ, "COLUMNS": "120", "OPENBLAS_NUM_THREADS": "1"}, check=True,
+    )  # fmt: skip
+    wall, user, system = map(float, done.stderr.split())
+    with capsys.disabled():
+        print(f" [board of 200,000 rows: {wall:.2f} s, of a core {user + system:.2f} s]", end="")
+    assert done.stdout.count("of 1000") == 200
+    assert all(name in done.stdout for name in names)
+    assert wall < 5 * 2.0
+
+
+def make_large_file(path, names, solvers, runs):
+    from sins_env.evaluation.rows import COLUMNS, criteria_text
+    from sins_env.evaluation.scoring import Criteria
+
+    rng = np.random.default_rng(0)
+    sql = f"INSERT INTO runs ({', '.join(COLUMNS)}) VALUES ({', '.join('?' * len(COLUMNS))})"
+    with Store(path) as db:
+        db._db.execute("BEGIN")
+        for name in names:
+            task = tasks.get_task(name)
+            criteria = Criteria.of(task, task.make(1).unwrapped.task)
+            db._db.execute("INSERT INTO tasks (task, criteria) VALUES (?, ?)", (name, criteria_text(criteria)))
+            shared = rng.normal(0, 4e-3, (runs, 1))
+            for i in range(solvers):
+                key = Key.of(name, "s", f"solver{i}", {}, "1")
+                errors = (1 + 0.01 * i) * shared * (1 + 0.1 * rng.normal(size=(runs, 1))) * np.array([0.03, 0.03, 1.0])
+                times = rng.uniform(50, 250, (runs, 3))
+                rest = [np.abs(errors)] * 4 + [errors, np.zeros((runs, 2)), rng.chisquare(3, (runs, 4))]
+                rows = np.hstack([times, *rest]).tolist()
+                head = (*key.values,)
+                db._db.executemany(sql, [(*head, r, "{}", 1, "ok", "", "", 0, 0, *row) for r, row in enumerate(rows)])
+        db._db.execute("COMMIT")
+        db._db.execute("INSERT INTO histories SELECT id, randomblob(100) FROM runs")
+        for name in names:
+            db.add_task(tasks.get_task(name))
