@@ -345,12 +345,12 @@ def test_run_episode(short, healthy):
         ({"runs": 2.5}, "runs = 2.5; allowed"),
         ({"runs": [0.5]}, "runs = [0.5]; allowed"),
         ({"runs": "12"}, "runs = '12'; allowed"),
-        ({"seed": "a"}, "seed = 'a'; allowed: a whole number"),
-        ({"seed": 1.5}, "seed = 1.5; allowed: a whole number"),
+        ({"seed": "a"}, "seed of type str; allowed: a whole number"),
+        ({"seed": 1.5}, "seed of type float; allowed: a whole number"),
         ({"chunk": 0}, "chunk = 0"),
         ({"workers": 0}, "workers = 0"),
         ({"executor": "proceses"}, "did you mean 'processes'"),
-        ({"seed": -3}, "seed = -3"),
+        ({"seed": -3}, "seed below 0; allowed: a whole number"),
     ],
 )
 def test_wrong_use_is_one_clear_error(short, changes, message):
