@@ -58,8 +58,11 @@ class NoiseLaw(NamedTuple):
     dof: float = 0.0  #: degrees of freedom of Student-t; 0: Gaussian
 
 
+MISSING = 1e15  #: variance in R from which on a run has no fix, where others of its batch have one
+
+
 class Measurement(NamedTuple):
-    """z = h(x) + v, v ~ N(0, R)."""
+    """z = h(x) + v, v ~ N(0, R). A run whose R begins with ``MISSING`` or more has no fix."""
 
     z: Array  #: (..., m)
     h: Function

@@ -21,6 +21,7 @@ papers.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,9 +65,9 @@ class WindowedFilter(AdaptiveFilter):
     """Base of the filters that remember the last fixes alone."""
 
     @property
+    @abstractmethod
     def window(self) -> tuple[int, float]:
         """Length and b."""
-        raise NotImplementedError
 
     def blend(self, now: Array, new: Array, past: Array, k: NDArray[np.int64]) -> tuple[Array, Array]:
         m, b = self.window

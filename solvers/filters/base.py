@@ -16,9 +16,7 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar, cast
 import numpy as np
 
 from solvers.blocks.square_root import Mask
-from solvers.types import Array, Function, Gaussian, Health, Innovation, Measurement, Transition
-
-MISSING = 1e15  #: a variance in R beyond this marks a run without a fix, where others of the batch have one
+from solvers.types import MISSING, Array, Function, Gaussian, Health, Innovation, Measurement, Transition
 
 
 class AnyBelief(Protocol):
@@ -56,7 +54,7 @@ class BatchFilter(ABC, Generic[B]):
     def step(self, b: B, tr: Transition, me: Measurement | None) -> tuple[B, Innovation | None]:
         """Predict, then correct.
 
-        A run without a fix, where others of the batch have one, has a variance in R beyond ``MISSING``: it predicts.
+        A run without a fix, where others of the batch have one, has ``MISSING`` in its R: it predicts.
         A run that turns non-finite is frozen at its last good belief and marked in ``health``; from then on
         its innovation is NaN. The other runs go on as if it were not there.
         """

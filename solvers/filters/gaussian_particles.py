@@ -35,7 +35,7 @@ from solvers.blocks.mixtures import effective, normalise
 from solvers.blocks.moments import MomentRule, SigmaPoints, linear_moments, moments
 from solvers.blocks.points_random import MATCHING, Keys, check_enough, draw, particle_count, run_keys
 from solvers.blocks.sigma_rules import Cubature
-from solvers.blocks.square_root import cholesky
+from solvers.blocks.square_root import cholesky, finite_items, symmetrize
 from solvers.filters.base import choose, count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
 from solvers.types import (
@@ -122,7 +122,7 @@ class GaussianParticles(GaussianFilter[Belief]):
             after = lifted(x, y, seen)
         else:
             after, ess, repaired_L = self.weighed(b, x, kalman, me.h, me, law)
-        sound = (ess >= self.min_ess) & np.isfinite(after.cov).all(axis=(-2, -1))
+        sound = (ess >= self.min_ess) & finite_items(after.cov)
         after = choose(sound, after, kalman)
         b = count(b._replace(mean=after.mean, cov=after.cov, ess=np.where(np.isfinite(ess), ess, 0.0)), repaired)
         b = count(count(b, repaired_S), repaired_L, ~sound)
@@ -161,7 +161,7 @@ def lifted(x: Gaussian, y: Moments, seen: Gaussian) -> Gaussian:
     K, _, _ = gain(y)
     mean = x.mean + (K @ (seen.mean - y.mean)[..., None])[..., 0]
     cov = x.cov - K @ (y.cov - seen.cov) @ K.mT
-    return Gaussian(mean, 0.5 * (cov + cov.mT))
+    return Gaussian(mean, symmetrize(cov))
 
 
 def _image(h: Linear, x: Gaussian) -> Gaussian:

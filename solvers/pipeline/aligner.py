@@ -15,13 +15,12 @@ from solvers.pipeline import feedback as reset
 from solvers.pipeline.coarse_alignment import CoarseAlignment, check_method
 from solvers.pipeline.error_state import PHI, AlignmentErrors
 from solvers.pipeline.strapdown import Strapdown, StrapdownState, cross, end_rate
-from solvers.types import Filter, Health, Measurement, NoiseLaw
+from solvers.types import MISSING, Filter, Health, Measurement, NoiseLaw
 
 Array = NDArray[np.float64]
 
 FEEDBACK = ("open", "closed")
 VERTICAL_TIME_CONSTANT_S = 5.0  #: of the loop that holds the INS's vertical velocity on the fixes'
-MISSING_VARIANCE = 1e20  #: R of the runs without a fix, where others of the batch have one
 
 
 class Aligner:
@@ -137,7 +136,7 @@ class Aligner:
         R = self._R
         if not valid.all():
             residual = np.where(valid[..., None], residual, 0.0)
-            R = R + np.where(valid, 0.0, MISSING_VARIANCE)[..., None, None] * np.eye(2)
+            R = R + np.where(valid, 0.0, MISSING)[..., None, None] * np.eye(2)
         return self.errors.measurement(residual[..., :2], R, arm, self._law)
 
     def _arm_velocity(self, obs: Observation, q_nb: Array) -> Array:

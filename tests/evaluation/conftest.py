@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 
 from sins_env.evaluation import tasks
+from sins_env.evaluation.cli import main
 
 _WHITE = tasks.get_task("sway-white-v0")
 SHORT = dataclasses.replace(
@@ -37,3 +38,15 @@ def start_of(short):
         return info["start"]["q_nb"][0].tolist()
 
     return find
+
+
+@pytest.fixture
+def cli(capsys):
+    """Run a command; its exit code, standard output, and lines on standard error."""
+
+    def call(*arguments):
+        code = main([str(a) for a in arguments])
+        out, err = capsys.readouterr()
+        return code, out, err.splitlines()
+
+    return call

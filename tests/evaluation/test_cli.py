@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 
 from sins_env.evaluation import listing, registry, tasks
-from sins_env.evaluation.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 PLUGIN = "evaluation.plugins:"
@@ -25,18 +24,6 @@ SLOW = PLUGIN + "Slow"
 def _here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
-
-
-@pytest.fixture
-def cli(capsys):
-    """Run a command; its exit code, standard output, and lines on standard error."""
-
-    def call(*arguments):
-        code = main([str(a) for a in arguments])
-        out, err = capsys.readouterr()
-        return code, out, err.splitlines()
-
-    return call
 
 
 _COMMAND = """

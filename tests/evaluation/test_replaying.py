@@ -11,7 +11,6 @@ from oracles import made
 from sins_env import recordings
 from sins_env.attitude import from_euler
 from sins_env.evaluation import replaying
-from sins_env.evaluation.cli import main
 from sins_env.evaluation.replay_figure import replay_figure
 from sins_env.evaluation.replaying import Replay, replay
 from sins_env.recordings import Recording, Reference
@@ -24,16 +23,6 @@ RATE = 100.0
 def _here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "140")
-
-
-@pytest.fixture
-def cli(capsys):
-    def call(*arguments):
-        code = main([str(a) for a in arguments])
-        out, err = capsys.readouterr()
-        return code, out, err.splitlines()
-
-    return call
 
 
 @pytest.fixture
