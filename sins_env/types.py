@@ -52,6 +52,7 @@ class Task:
     gps: GpsSpec  #: as told
     prior: Prior
     start: NavState | None = None  #: the told start of this episode; None when it is unknown
+    navigate: bool = False  #: the action is q_nb, v_n and position (10); False: q_nb alone (4)
 
     @property
     def num_epochs(self) -> int:
