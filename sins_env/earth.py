@@ -116,3 +116,13 @@ def displace(earth: Earth, pos: Array, offset: Array, at: Array | None = None) -
     out[..., 1] = pos[..., 1] + offset[..., 0] / ((R_N + where[..., 2]) * np.cos(where[..., 0]))
     out[..., 2] = pos[..., 2] + offset[..., 2]
     return out
+
+
+def offset(earth: Earth, pos: Array, place: Array) -> Array:
+    """Metres E, N, U (..., 3) from ``pos`` to ``place``, the short way round; undoes :func:`displace`."""
+    R_M, R_N = radii(earth, pos[..., 0])
+    out = place - pos
+    east = (out[..., 1] + np.pi) % (2 * np.pi) - np.pi
+    out[..., 1] = out[..., 0] * (R_M + pos[..., 2])
+    out[..., 0] = east * (R_N + pos[..., 2]) * np.cos(pos[..., 0])
+    return out

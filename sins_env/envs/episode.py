@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env import attitude, checks
+from sins_env import attitude, checks, earth
+from sins_env.envs.spaces import MAX_SPEED
 from sins_env.envs.world import World
 from sins_env.types import NavState, Task
 
@@ -18,31 +19,52 @@ Obs = dict[str, NDArray[Any]]
 
 OBSERVED = ("dtheta", "dvel", "gps_vel", "gps_pos", "gps_valid")
 WORST_REWARD = -180.0
+WORST_NAVIGATION_REWARD = -1000.0
 WORST_PHI = np.array([np.pi / 2, np.pi, np.pi])  #: the largest error that phi (E, N, U) can express
+#: The largest errors that are told apart, m/s and m (half the way round the Earth); worse ones are scored as these.
+WORST_VEL, WORST_POS = np.full(3, 2 * MAX_SPEED), np.full(3, 2.1e7)
+REWARD_PER_MPS, REWARD_PER_M = 1.0, 0.1
+_HUGE = 1e9  #: metres to a latitude of 1e305 rad would leave the range
 
 
 def failed_epochs(action: Array) -> NDArray[np.bool_]:
-    """Which of the actions (runs, 4) are no attitude: not finite, or of zero norm."""
-    size = np.max(np.abs(action), axis=-1)
-    return ~(np.isfinite(size) & (size > 0))
+    """Which of the actions (runs, 4 or 10) are no estimate: not finite, or with a quaternion of zero norm."""
+    finite = np.isfinite(np.max(np.abs(action), axis=-1))
+    return ~(finite & (np.max(np.abs(action[..., :4]), axis=-1) > 0))
 
 
-def score_attitude(action: Array, truth: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Errors phi (runs, 3) rad, rewards (runs,) minus degrees, and failed epochs, of actions q_nb (runs, 4).
+def score_attitude(q_nb: Array, truth: Array, failed: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Errors phi (runs, 3) rad and rewards (runs,) minus degrees of attitudes (runs, 4), which are normalised.
 
-    The action is normalised. A non-finite or zero-norm one is a failed epoch with the worst errors and reward.
+    A failed epoch gets the worst errors and reward.
     """
-    failed = failed_epochs(action)
     if failed.any():
-        action = np.where(failed[:, None], [1.0, 0.0, 0.0, 0.0], action)
-    size = np.max(np.abs(action), axis=-1, keepdims=True)
-    q = attitude.normalize(action / size)  # scaled first: squares of huge or tiny numbers leave the range
+        q_nb = np.where(failed[:, None], [1.0, 0.0, 0.0, 0.0], q_nb)
+    size = np.max(np.abs(q_nb), axis=-1, keepdims=True)
+    q = attitude.normalize(q_nb / size)  # scaled first: squares of huge or tiny numbers leave the range
     error = attitude.multiply(q, attitude.conjugate(truth))
     phi = attitude.misalignment_from_dcm(attitude.to_dcm(error))
     reward = -np.degrees(attitude.rotation_angle(error))
     if failed.any():
         phi[failed], reward[failed] = WORST_PHI, WORST_REWARD
-    return phi, reward, failed
+    return phi, reward
+
+
+def score_navigation(
+    action: Array, truth: NavState, failed: NDArray[np.bool_], model: earth.Earth
+) -> tuple[dict[str, Array], Array]:
+    """Errors ``phi`` rad, ``vel`` m/s and ``pos`` m E, N, U (runs, 3) of actions (runs, 10), and rewards (runs,).
+
+    The reward is -(angle in deg + |dv| / (1 m/s) + |dp| / (10 m)), at worst -1000, which is a failed epoch's.
+    """
+    phi, reward = score_attitude(action[:, :4], truth.q_nb, failed)
+    estimate = np.where(failed[:, None], 0.0, np.clip(action[:, 4:], -_HUGE, _HUGE))
+    vel = np.clip(estimate[:, :3] - truth.vel, -WORST_VEL, WORST_VEL)
+    pos = np.clip(earth.offset(model, truth.pos, estimate[:, 3:]), -WORST_POS, WORST_POS)
+    vel[failed], pos[failed] = WORST_VEL, WORST_POS
+    for error, weight in ((vel, REWARD_PER_MPS), (pos, REWARD_PER_M)):
+        reward = reward - weight * np.sqrt(np.sum(error * error, axis=-1))
+    return {"phi": phi, "vel": vel, "pos": pos}, np.maximum(reward, WORST_NAVIGATION_REWARD)
 
 
 class Episode:
@@ -82,17 +104,14 @@ class Episode:
         return obs, info
 
     def step(self, action: Array) -> tuple[Obs, Array, bool, dict[str, Any]]:
-        """Score the actions (runs, 4) at t_k; the next observation, rewards (runs,), whether the episode is over, info."""
+        """Score the actions (runs, 4 or 10) at t_k; the next observation, rewards (runs,), whether it is over, info."""
         if not self.started:
             raise RuntimeError("step() before reset(): reset the environment first")
         if self.k > self.task.num_epochs:
             raise RuntimeError("step() after the end of the episode: reset the environment first")
         action = np.asarray(action, dtype=float)
-        if self.world.scored:
-            phi, reward, failed = score_attitude(action, self._truth.q_nb)
-        else:
-            phi, reward, failed = np.zeros((len(action), 3)), np.zeros(len(action)), failed_epochs(action)
-        info: dict[str, Any] = {"errors": {"phi": phi}, "failed": failed}
+        errors, reward, failed = self._score(action)
+        info: dict[str, Any] = {"errors": errors, "failed": failed}
         if not self.world.scored:
             info["scored"] = np.zeros(len(failed), dtype=bool)
         if self.reveal_truth:
@@ -100,6 +119,16 @@ class Episode:
         self.k += 1
         over = self.k > self.task.num_epochs
         return (self._terminal() if over else self._observe()), reward, over, info
+
+    def _score(self, action: Array) -> tuple[dict[str, Array], Array, NDArray[np.bool_]]:
+        failed = failed_epochs(action)
+        if not self.world.scored:
+            kinds = ("phi", "vel", "pos") if self.task.navigate else ("phi",)
+            return {kind: np.zeros((len(action), 3)) for kind in kinds}, np.zeros(len(action)), failed
+        if self.task.navigate:
+            return *score_navigation(action, self._truth, failed, earth.get(self.task.site.earth)), failed
+        phi, reward = score_attitude(action, self._truth.q_nb, failed)
+        return {"phi": phi}, reward, failed
 
     def _observe(self) -> Obs:
         data = self.world.epoch(self.k)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ from sins_env.specs import ARCSEC, DEG_PER_H, UG
 from sins_env.types import Task
 
 Array = NDArray[np.float64]
+
+_COLORS = ("tab:green", "tab:olive", "tab:blue")  #: of E, N, U
 
 
 def sensor_floor(task: Task) -> tuple[float, float]:
@@ -32,13 +35,16 @@ class Renderer:
         self._task = task
         self._t: list[float] = []
         self._phi: list[Array] = []
+        self._pos: list[Array] = []
         self._q: Array = np.array([1.0, 0.0, 0.0, 0.0])
 
-    def add(self, t: float, q_nb: Array, phi: Array, failed: bool) -> None:
+    def add(self, t: float, action: Array, errors: dict[str, Array], failed: bool) -> None:
         self._t.append(t)
-        self._phi.append(phi)
+        self._phi.append(errors["phi"])
+        if "pos" in errors:
+            self._pos.append(errors["pos"])
         if not failed:
-            self._q = attitude.normalize(q_nb / np.max(np.abs(q_nb)))
+            self._q = attitude.normalize(action[:4] / np.max(np.abs(action[:4])))
 
     def draw(self) -> NDArray[np.uint8]:
         """(480, 960, 3) RGB."""
@@ -47,8 +53,22 @@ class Renderer:
 
         figure = Figure(figsize=(9.6, 4.8), dpi=100, layout="constrained")
         canvas = FigureCanvasAgg(figure)
-        grid = figure.add_gridspec(1, 2, width_ratios=(1, 1.6))
-        base = figure.add_subplot(grid[0], projection="3d")
+        navigate = self._task.navigate
+        grid = figure.add_gridspec(1 + navigate, 2, width_ratios=(1, 1.6))
+        self._draw_base(figure.add_subplot(grid[:, 0], projection="3d"))
+        phi = figure.add_subplot(grid[0, 1])
+        self._draw_errors(phi, self._phi, ARCSEC, ("E", "N", "U (azimuth)"), "|misalignment|, arcsec", (1, 7e5))
+        if navigate:
+            pos = figure.add_subplot(grid[1, 1], sharex=phi)
+            self._draw_errors(pos, self._pos, 1.0, ("E", "N", "U"), "|position error|, m", (1e-2, 1e4))
+        else:
+            for value, color in zip(sensor_floor(self._task), _COLORS[1:], strict=True):
+                phi.axhline(value / ARCSEC, color=color, ls="--", lw=0.8)
+            phi.set_title("errors; dashed: what the told biases leave (1 sigma)", fontsize=9)
+        canvas.draw()
+        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+    def _draw_base(self, base: Any) -> None:
         C = attitude.to_dcm(self._q)
         corners = np.array([[-0.5, -1, 0], [0.5, -1, 0], [0.5, 0.6, 0], [0, 1, 0], [-0.5, 0.6, 0], [-0.5, -1, 0]]) @ C.T
         base.plot(*corners.T, color="tab:blue", lw=2)
@@ -62,23 +82,13 @@ class Renderer:
         base.set_box_aspect(None, zoom=0.9)
         heading, pitch, roll = (math.degrees(float(a)) for a in attitude.to_euler(C))
         base.set_title(f"heading {heading % 360:.2f}\npitch {pitch:+.2f}  roll {roll:+.2f} deg", fontsize=9)
-        errors = figure.add_subplot(grid[1])
-        phi = np.abs(np.array(self._phi).reshape(-1, 3)) / ARCSEC
-        for values, name, color in zip(
-            phi.T, ("E", "N", "U (azimuth)"), ("tab:green", "tab:olive", "tab:blue"), strict=True
-        ):
-            errors.plot(self._t, np.maximum(values, 1e-2), label=name, color=color, lw=1)
-        for value, color in zip(sensor_floor(self._task), ("tab:olive", "tab:blue"), strict=True):
-            errors.axhline(value / ARCSEC, color=color, ls="--", lw=0.8)
-        errors.set(
-            xlabel="time, s",
-            ylabel="|misalignment|, arcsec",
-            yscale="log",
-            xlim=(0, self._task.duration_s),
-            ylim=(1, 7e5),
-        )
-        errors.set_title("errors; dashed: what the told biases leave (1 sigma)", fontsize=9)
-        errors.grid(alpha=0.3)
-        errors.legend(loc="upper right", fontsize=8)
-        canvas.draw()
-        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+    def _draw_errors(
+        self, ax: Any, errors: list[Array], unit: float, names: tuple[str, ...], label: str, limits: tuple[float, float]
+    ) -> None:
+        values = np.abs(np.array(errors).reshape(-1, 3)) / unit
+        for value, name, color in zip(values.T, names, _COLORS, strict=True):
+            ax.plot(self._t, np.maximum(value, 1e-2 * limits[0]), label=name, color=color, lw=1)
+        ax.set(xlabel="time, s", ylabel=label, yscale="log", xlim=(0, self._task.duration_s), ylim=limits)
+        ax.grid(alpha=0.3)
+        ax.legend(loc="upper right", fontsize=8)

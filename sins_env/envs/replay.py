@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import attitude, checks, recordings
-from sins_env.envs.align import AlignEnv, AlignVectorEnv
+from sins_env.envs.base import EpisodeEnv, EpisodeVectorEnv
 from sins_env.envs.replay_settings import ReplaySettings
 from sins_env.envs.windows import Windows
 from sins_env.envs.world import ChunkedWorld, World, told_start
@@ -145,13 +145,13 @@ def _replay(**settings: Any) -> World:
     return ReplayWorld(build(ReplaySettings, settings, "SINS/Replay-v0"))
 
 
-class ReplayEnv(AlignEnv):
+class ReplayEnv(EpisodeEnv):
     """``SINS/Replay-v0``: see :class:`ReplaySettings`."""
 
     world = staticmethod(_replay)
 
 
-class ReplayVectorEnv(AlignVectorEnv):
+class ReplayVectorEnv(EpisodeVectorEnv):
     """Rows share the recording. As in Gymnasium's own vector environments, the reset that follows an episode of its own
     accord has no options: every row then draws its window, whichever ``reset(options={"window": ...})`` had picked.
     """

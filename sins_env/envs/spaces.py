@@ -40,3 +40,15 @@ def clip_fix(vel: np.ndarray, pos: np.ndarray) -> None:
 def attitude_action_space() -> spaces.Box:
     """q_nb; the environment normalises it."""
     return spaces.Box(-1.0, 1.0, (4,), np.float64)
+
+
+def navigation_action_space() -> spaces.Box:
+    """q_nb, which the environment normalises, v_n m/s, latitude rad, longitude rad, height m."""
+    low = np.concatenate([np.full(4, -1.0), np.full(3, -MAX_SPEED), _POS_LOW])
+    high = np.concatenate([np.full(4, 1.0), np.full(3, MAX_SPEED), _POS_HIGH])
+    return spaces.Box(low, high, dtype=np.float64)
+
+
+def action_space(navigate: bool) -> spaces.Box:
+    """The estimate that a task asks for."""
+    return navigation_action_space() if navigate else attitude_action_space()

@@ -1,0 +1,167 @@
+"""The Gymnasium side that all ids share, single and native vector. Both wrap the same :class:`Episode`, so their bits agree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from sins_env import checks
+from sins_env.envs.episode import Episode, Obs
+from sins_env.envs.rendering import Renderer
+from sins_env.envs.spaces import action_space, observation_space
+from sins_env.envs.world import World
+from sins_env.types import Task
+
+Array = NDArray[np.float64]
+RENDER_MODES = ("rgb_array",)
+
+
+def _check_render_mode(render_mode: str | None) -> str | None:
+    return None if render_mode is None else checks.choice("render_mode", render_mode, RENDER_MODES)
+
+
+def _check_seeds(seed: Any, rows: int) -> list[int | None]:
+    """One seed per row: an int is that of row 0, and the others follow on; a list is taken as it is."""
+
+    def fits(value: Any) -> bool:
+        return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and bool(value >= 0)
+
+    if seed is None or fits(seed):
+        return [None if seed is None else int(seed) + i for i in range(rows)]
+    seeds = checks.items(seed)
+    if seeds is None or not all(s is None or fits(s) for s in seeds):
+        raise checks.refused("seed", seed, f"None, a whole number from 0 on, or a list of {rows} of them")
+    if len(seeds) != rows:
+        raise ValueError(f"{len(seeds)} seeds; allowed: one int, or {rows} seeds, one per row")
+    return [None if s is None else int(s) for s in seeds]
+
+
+def _check_action(action: Any, space: gymnasium.Space[Any], navigate: bool) -> Array:
+    array = np.asarray(action, dtype=np.float64)
+    if array.shape != space.shape:
+        rest = ", then v_n E, N, U, latitude, longitude and height" if navigate else ""
+        raise ValueError(
+            f"action of shape {array.shape}; allowed: {space.shape}, the quaternion q_nb, scalar first{rest}"
+        )
+    return array
+
+
+class EpisodeEnv(gymnasium.Env[Obs, Array]):
+    """One episode; ``world`` makes its world from the keyword arguments."""
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # type: ignore[misc]
+    world: Callable[..., World]
+
+    def __init__(self, render_mode: str | None = None, *, reveal_truth: bool = False, **settings: Any) -> None:
+        self.render_mode = _check_render_mode(render_mode)
+        self.episode = Episode(type(self).world(**settings), reveal_truth)
+        self.observation_space = observation_space(self.task.n_sub)  # type: ignore[assignment]  # spaces are invariant
+        self.action_space = action_space(self.task.navigate)  # type: ignore[assignment]
+        self._renderer = Renderer(self.task) if render_mode else None
+
+    @property
+    def task(self) -> Task:
+        """What an estimator may know; replaced at each reset."""
+        return self.episode.task
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Obs, dict[str, Any]]:
+        super().reset(seed=seed)
+        obs, info = self.episode.reset([self.np_random], options, squeeze=True)
+        if self._renderer:
+            self._renderer.reset(self.task)
+        return _first(obs), _first(info)
+
+    def step(self, action: Any) -> tuple[Obs, float, bool, bool, dict[str, Any]]:
+        action = _check_action(action, self.action_space, self.task.navigate)
+        t = self.episode.k * self.task.epoch_s
+        obs, reward, over, info = self.episode.step(action[None])
+        row = _first(info)
+        if self._renderer:
+            self._renderer.add(t, action, row["errors"], row["failed"])
+        return _first(obs), float(reward[0]), False, over, row
+
+    def render(self) -> NDArray[np.uint8] | None:
+        return self._renderer.draw() if self._renderer else None
+
+
+class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
+    """``num_envs`` episodes in lockstep, computed as one batch; row i equals the single environment with row i's seed."""
+
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+        "render_modes": list(RENDER_MODES),
+        "render_fps": 10,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+    world: Callable[..., World]
+
+    def __init__(
+        self, num_envs: int = 1, render_mode: str | None = None, *, reveal_truth: bool = False, **settings: Any
+    ) -> None:
+        self.num_envs = checks.whole("num_envs", num_envs, "at least 1", least=1)
+        self.render_mode = _check_render_mode(render_mode)
+        self.episode = Episode(type(self).world(**settings), reveal_truth)
+        self.single_observation_space = observation_space(self.task.n_sub)
+        self.single_action_space = action_space(self.task.navigate)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._rngs: list[np.random.Generator] | None = None
+        self._over = False
+        self._renderer = Renderer(self.task) if render_mode else None
+
+    @property
+    def task(self) -> Task:
+        """What an estimator may know; ``start`` has a run axis here."""
+        return self.episode.task
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Obs, dict[str, Any]]:
+        seeds = _check_seeds(seed, self.num_envs)
+        old: Sequence[Any] = self._rngs or [None] * self.num_envs
+        self._rngs = [
+            rng if s is None and rng is not None else seeding.np_random(s)[0] for s, rng in zip(seeds, old, strict=True)
+        ]
+        self._over = False
+        obs, info = self.episode.reset(self._rngs, options)
+        if self._renderer:
+            self._renderer.reset(self.task)
+        return obs, self._with_masks(info)
+
+    def step(self, actions: Any) -> tuple[Obs, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        actions = _check_action(actions, self.action_space, self.task.navigate)
+        no = np.zeros(self.num_envs, dtype=bool)
+        if self._over:  # NEXT_STEP: the step after the last one begins the next episode
+            obs, info = self.reset()
+            return obs, np.zeros(self.num_envs), no, no.copy(), info
+        t = self.episode.k * self.task.epoch_s
+        obs, reward, self._over, info = self.episode.step(actions)
+        if self._renderer:
+            self._renderer.add(t, actions[0], _first(info["errors"]), bool(info["failed"][0]))
+        return obs, reward, no, np.full(self.num_envs, self._over), self._with_masks(info)
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Row 0 only: the rows of a batch are for scores, not for looking at."""
+        return (self._renderer.draw(),) if self._renderer else None
+
+    def _with_masks(self, info: dict[str, Any]) -> dict[str, Any]:
+        """The layout of VectorEnv._add_info: every key, nested too, with its ``_key`` mask."""
+        out: dict[str, Any] = {}
+        for key, value in info.items():
+            out[key] = self._with_masks(value) if isinstance(value, dict) else value
+            out[f"_{key}"] = np.ones(self.num_envs, dtype=bool)
+        return out
+
+
+def _first(batch: Any) -> Any:
+    """Row 0 of a nest of arrays, as the single environment gives it: fresh arrays, Python scalars."""
+    if isinstance(batch, dict):
+        return {key: _first(value) for key, value in batch.items()}
+    row = batch[0]
+    return row.copy() if isinstance(row, np.ndarray) else row.item()
