@@ -12,16 +12,16 @@ from sins_env.specs import GpsSpec
 Array = NDArray[np.float64]
 
 FIX_DIMENSION = 6  #: one factor scales all errors of a fix, so that each component tells something of the others'
-LEAST_STD_MPS = 1e-6  #: of a perfect receiver, so that S can be inverted
+LEAST_STD = 1e-6  #: m/s and m, of a perfect receiver, so that S can be inverted
 LEAST_SCALE = 1e-12  #: of the variance of contaminated fixes, for the same reason
 
 
 def fix_noise(gps: GpsSpec) -> Array:
-    """R (2, 2) of a Gaussian that tells as much of the horizontal velocity as a fix does.
+    """R (6, 6) of a Gaussian that tells as much of velocity (m/s) and position (m) as a fix does.
 
     A jump counts as known; whoever has to find it does worse.
     """
-    std = np.maximum(gps.vel_std[:2], LEAST_STD_MPS)
+    std = np.maximum([*gps.vel_std, *gps.pos_std], LEAST_STD)
     return np.diag(std**2) / fisher_factor(gps, FIX_DIMENSION)
 
 
