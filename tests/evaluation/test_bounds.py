@@ -9,6 +9,7 @@ from scipy import linalg, stats
 from sins_env import attitude, earth
 from sins_env.envs.rendering import sensor_floor
 from sins_env.evaluation import bounds, get_task, tasks
+from sins_env.evaluation.error_model import ErrorModel, Truth, true_motion
 from sins_env.evaluation.fisher import fisher_factor
 from sins_env.specs import ARCSEC, GpsSpec
 from sins_env.types import NavState
@@ -55,7 +56,7 @@ def test_golden_values(name):
 def test_golden_values_of_gauss_markov_errors():
     imu = {"preset": "thesis-markov", "vrw_ug_sqrt_hz": 50.0}
     task = variant(imu=imu, latitude_deg=40.0, duration=600.0)
-    assert bounds.ErrorModel(world_of(task)[1].settings, world_of(task)[0]).n == 14
+    assert ErrorModel(world_of(task)[1].settings, world_of(task)[0]).n == 14
     sigma = bounds.compute(task, 4).sigma / ARCSEC
     np.testing.assert_allclose(sigma[[119, 239, 359, 479, 599], 2], [3479, 2324, 2089, 1977, 1908], rtol=0.004)
     np.testing.assert_allclose(sigma[599, :2], [21.43, 21.02], rtol=0.003)
@@ -136,7 +137,7 @@ def test_a_jump_counts_as_known_and_an_outage_as_lost():
 def nonlinear(task, seconds, size=1e-3):
     """Difference quotient of the noise-free strapdown with respect to every state's 1 sigma, (n, n); up is held."""
     public, world, start = world_of(task)
-    model = bounds.ErrorModel(world.settings, public)
+    model = ErrorModel(world.settings, public)
     n, sigma = model.n, np.sqrt(np.diag(model.P0))
     x = size * sigma * np.concatenate([np.eye(n), -np.eye(n)])
     q = attitude.multiply(attitude.from_rotvec(-x[:, 2:5]), start["q_nb"])
@@ -162,9 +163,9 @@ def nonlinear(task, seconds, size=1e-3):
 def linear(task, seconds, spoil=None):
     """The product of F, columns scaled to 1 sigma."""
     public, world, _ = world_of(task)
-    model = bounds.ErrorModel(world.settings, public)
+    model = ErrorModel(world.settings, public)
     product = np.diag(np.sqrt(np.diag(model.P0)))
-    for part in bounds.true_motion(task, public, 1):
+    for part in true_motion(task, public, 1):
         if spoil:
             part = spoil(model, part)
         for F in model.transitions(part)[0]:
@@ -194,12 +195,12 @@ def _no_acceleration(model, part):
 
 
 def _rate_reversed(model, part):
-    model.rate_ie = -abs(model.rate_ie)
+    model.earth = dataclasses.replace(model.earth, rate=-earth.EARTHS["wgs84"].rate)
     return part
 
 
 def _no_transport(model, part):
-    model.transport = 0 * model.transport
+    model.earth = dataclasses.replace(model.earth, a=1e30)
     return part
 
 
@@ -214,13 +215,14 @@ def test_dynamics_are_those_of_the_solvers_error_model(seed):
     """Two codes written apart: the Jacobian at zero error of the filters' epoch map, at 100 m/s, where every term counts."""
     rng = np.random.default_rng(seed)
     public, world, _ = world_of(WHITE)
-    model = bounds.ErrorModel(world.settings, public)
+    model = ErrorModel(world.settings, public)
     C = attitude.to_dcm(attitude.normalize(rng.standard_normal(4)))
     force, vel = np.array([0, 0, 9.8]) + rng.standard_normal(3), 100 * rng.standard_normal(3)
-    part = bounds.Truth(*(a[None, None] for a in (C, force, vel, C, vel)), np.array([True]))
+    part = Truth(*(a[None, None] for a in (C, force, vel, public.site.pos, C, vel)), np.array([True]))
     F = model.transitions(part)[0, 0]
-    h, T = public.epoch_s, model.transport
-    f = AlignmentErrors().transition(EpochMotion(h, C, h * force, vel, model.rate_ie, T @ vel, T), np.zeros((10, 10))).f
+    h, T = public.epoch_s, earth.transport_matrix(model.earth, public.site.latitude, public.site.height)
+    rate_ie = earth.rate_n(model.earth, public.site.latitude)
+    f = AlignmentErrors().transition(EpochMotion(h, C, h * force, vel, rate_ie, T @ vel, T), np.zeros((10, 10))).f
     units = np.array([1.0] * 5 + [ACCEL_UNIT] * 2 + [GYRO_UNIT] * 3)
     ours = np.array([0, 1, 2, 3, 4, 5, 6, 8, 9, 10])
     sigma = np.sqrt(np.diag(model.P0))[ours]
@@ -235,7 +237,7 @@ def test_means_are_those_of_the_strapdown():
     """The truth of each epoch against noise-free increments; Coriolis of the sway is 3e-6 m/s^2."""
     task = variant(duration=12.0)
     public, world, start = world_of(task)
-    parts = list(bounds.true_motion(task, public, 1))
+    parts = list(true_motion(task, public, 1))
     C, force, vel = (np.concatenate([getattr(part, name)[0] for part in parts]) for name in ("C", "force", "vel"))
     ins = Strapdown(earth.get(public.site.earth), public.epoch_s, public.n_sub, public.site.pos, hold_position=True)
     state = ins.start(NavState(*(start[name][0] for name in ("q_nb", "vel", "pos"))))
@@ -251,8 +253,8 @@ def test_sensitivity_to_a_lever_arm():
     """H against differences of the antenna's velocity."""
     task = variant(duration=10.0, gps={"lever_arm_m": [0.5, 1.0, 2.0]})
     public, world, _ = world_of(task)
-    model = bounds.ErrorModel(world.settings, public)
-    part = next(bounds.true_motion(task, public, 1))
+    model = ErrorModel(world.settings, public)
+    part = next(true_motion(task, public, 1))
     C, rate = part.C_end[0, 7], part.rate_end[0, 7]
 
     def antenna(x):
@@ -273,9 +275,9 @@ def test_covariance_is_that_of_a_dense_least_squares_problem():
     """The posterior of the last state from the joint covariance of start and noise, with gaps between the fixes."""
     task = variant(duration=24.0, gps={"rate_hz": 5.0, "outages_s": [[10.0, 15.0]], "contamination": 0.2})
     public, world, _ = world_of(task)
-    model = bounds.ErrorModel(world.settings, public)
+    model = ErrorModel(world.settings, public)
     n, K = model.n, public.num_epochs
-    parts = list(bounds.true_motion(task, public, 1))
+    parts = list(true_motion(task, public, 1))
     F = np.concatenate([model.transitions(part)[0] for part in parts])
     fix = np.concatenate([part.fix for part in parts])
     assert fix.sum() == 5 * (24 - 5)
@@ -306,9 +308,9 @@ def test_covariances_are_averaged():
     both = bounds.compute(task, 2).sigma
     one = bounds.compute(task, 1).sigma
     public, world, _ = world_of(task)
-    model = bounds.ErrorModel(world.settings, public)
+    model = ErrorModel(world.settings, public)
     P, k = model.P0, 0
-    for part in bounds.true_motion(task, public, 2):
+    for part in true_motion(task, public, 2):
         F, H = model.transitions(part)[1], model.sensitivity(part)[1]
         for i in range(len(F)):
             Q = 0.05 * (model.drive + F[i] @ model.drive @ F[i].T)
