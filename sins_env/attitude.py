@@ -162,6 +162,14 @@ def to_euler(C: Array) -> tuple[Array, Array, Array]:
     return heading, pitch, roll
 
 
+def body_rate(angles: Array, rates: Array) -> Array:
+    """omega_nb^b (..., 3) of heading, pitch, roll and their rates, (..., 3) each. equations.md A.2."""
+    _, pitch, roll = np.moveaxis(angles, -1, 0)
+    dh, dp, dr = np.moveaxis(rates, -1, 0)
+    cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+    return np.stack([dp * cr + dh * sr * cp, dr - dh * sp, dp * sr - dh * cr * cp], axis=-1)
+
+
 def wrap(angle: Array) -> Array:
     """The angle in [-pi, pi)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi

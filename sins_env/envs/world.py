@@ -16,7 +16,7 @@ from sins_env.envs.spaces import clip_fix
 from sins_env.gps import Gps
 from sins_env.imu import Imu, standard_normal
 from sins_env.specs import DEG
-from sins_env.trajectory import STILL, THESIS, Sway
+from sins_env.trajectory import STILL, THESIS, Sway, Trajectory
 from sins_env.types import NavState, Task
 
 Array = NDArray[np.float64]
@@ -87,15 +87,40 @@ def told_start(
     return NavState(computed, vel, np.broadcast_to(pos, vel.shape).copy())
 
 
-class SwayWorld(ChunkedWorld):
-    """A simulated base that sways, or stands still, with the sensors and the start of the settings."""
+class SimulatedWorld(ChunkedWorld):
+    """An exact motion, and the errors of the sensors on it."""
 
     scored = True
+    trajectory: Trajectory
+    imu: Imu
+    gps: Gps
+
+    def reset(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> tuple[NavState, NavState | None]:
+        streams = [rng.spawn(11) for rng in rngs]  # start, motion, 6 IMU, 3 GPS: one stream each, in this order
+        truth = self.trajectory.reset([s[1] for s in streams])
+        self.imu.reset([s[2:8] for s in streams])
+        self.gps.reset([s[8:11] for s in streams])
+        self._rewind()
+        return truth, self._told(truth, standard_normal([s[0] for s in streams], (9,)))
+
+    @abstractmethod
+    def _told(self, truth: NavState, draws: Array) -> NavState | None:
+        """The start that the task tells, None if it tells none; ``draws`` (runs, 9) are normals."""
+
+    def _chunk(self, first: int, count: int) -> tuple[tuple[Any, ...], NavState]:
+        motion = self.trajectory.chunk(first, count)
+        fixes = self.gps.fixes(motion, first)
+        clip_fix(*fixes[:2])
+        return (*self.imu.measure(motion.dtheta, motion.dvel), *fixes), motion.state
+
+
+class SwayWorld(SimulatedWorld):
+    """A simulated base that sways, or stands still, with the sensors and the start of the settings."""
 
     def __init__(self, env_id: str, settings: AlignSettings, still: bool) -> None:
         self.settings, self.task = settings, settings.task(env_id)
         task = self.task
-        self.trajectory = Sway(
+        self.trajectory: Sway = Sway(
             task.site,
             task.epoch_s,
             task.n_sub,
@@ -107,20 +132,9 @@ class SwayWorld(ChunkedWorld):
         self.imu = Imu(settings.imu_true, task.epoch_s / task.n_sub)
         self.gps = Gps(settings.gps_true, task.epoch_s, task.duration_s, earth.get(task.site.earth))
 
-    def reset(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> tuple[NavState, NavState | None]:
-        streams = [rng.spawn(11) for rng in rngs]  # start, motion, 6 IMU, 3 GPS: one stream each, in this order
-        truth = self.trajectory.reset([s[1] for s in streams])
-        self.imu.reset([s[2:8] for s in streams])
-        self.gps.reset([s[8:11] for s in streams])
-        self._rewind()
-        draws = standard_normal([s[0] for s in streams], (6,))
-        if self.settings.start == "unknown":
-            return truth, None
-        settings, site = self.settings, self.task.site
-        return truth, told_start(self.task, settings.misalignment_deg, truth, draws, site.pos, settings.any_heading)
-
-    def _chunk(self, first: int, count: int) -> tuple[tuple[Any, ...], NavState]:
-        motion = self.trajectory.chunk(first, count)
-        fixes = self.gps.fixes(motion, first)
-        clip_fix(*fixes[:2])
-        return (*self.imu.measure(motion.dtheta, motion.dvel), *fixes), motion.state
+    def _told(self, truth: NavState, draws: Array) -> NavState | None:
+        settings = self.settings
+        if settings.start == "unknown":
+            return None
+        misalignment, pos = settings.misalignment_deg, self.task.site.pos
+        return told_start(self.task, misalignment, truth, draws[:, :6], pos, settings.any_heading)

@@ -191,7 +191,7 @@ class Sway:
     def _turning(self, t: Array, runs: slice) -> tuple[Array, Array]:
         """C_0 = C_b^n about the mean heading and omega_nb^b at times t: (..., *t.shape, 3, 3), (..., *t.shape, 3)."""
         angles, rates = self._angles(t, runs)
-        return attitude.to_dcm(attitude.from_euler(*np.moveaxis(angles, -1, 0))), _body_rate(angles, rates)
+        return attitude.to_dcm(attitude.from_euler(*np.moveaxis(angles, -1, 0))), attitude.body_rate(angles, rates)
 
     def _angles(self, t: Array, runs: slice = slice(None)) -> tuple[Array, Array]:
         """Heading about its mean, pitch, roll and their rates, (..., *t.shape, 3)."""
@@ -204,7 +204,7 @@ class Sway:
         """True states (runs, len(t), ...) and omega_eb^b."""
         runs = len(self._heading)
         angles, rates = self._angles(t)
-        rate_nb = _body_rate(angles, rates)
+        rate_nb = attitude.body_rate(angles, rates)
         angles = np.broadcast_to(angles, (runs, len(t), 3))
         q_nb = attitude.from_euler(angles[..., 0] + self._heading[:, None], angles[..., 1], angles[..., 2])
         omega = np.broadcast_to(self._omega, self._phase.shape)[:, None, :]
@@ -227,14 +227,6 @@ def _node_count(half: float, vibration: bool) -> int:
     while 2 * nodes * math.log(math.e * k / (4 * nodes)) > math.log(1e-16):
         nodes += 1
     return nodes
-
-
-def _body_rate(angles: Array, rates: Array) -> Array:
-    """omega_nb^b (..., 3) of heading, pitch, roll and their rates, (..., 3) each. equations.md A.2."""
-    _, pitch, roll = np.moveaxis(angles, -1, 0)
-    dh, dp, dr = np.moveaxis(rates, -1, 0)
-    cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
-    return np.stack([dp * cr + dh * sr * cp, dr - dh * sp, dp * sr - dh * cr * cp], axis=-1)
 
 
 def _interleave(a: Array, b: Array) -> Array:
