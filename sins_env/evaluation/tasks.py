@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 import sins_env  # noqa: F401  registers the environments
 from sins_env.errors import unknown
+from sins_env.evaluation.catalogue import DEFINITIONS
 from sins_env.specs import ARCSEC, DEG
 
 if TYPE_CHECKING:
@@ -43,6 +44,8 @@ class EvaluationTask:
     hold_s: float = 60.0  #: how long an error must stay within its threshold until the end
     suite_seed: int = 0
     windows: int = 0  #: of a recording: run i is window i; 0 where runs are drawn
+    score_from_s: float = 0.0  #: from where the time means of a navigation task count, s from switch-on
+    rank_by: str = "azimuth"  #: what ranks a navigation task: "azimuth", "position", "velocity" or "failures"
 
     @property
     def delta(self) -> Array:
@@ -169,19 +172,24 @@ DIGEST_EPOCHS = 20
 def digest(task: EvaluationTask) -> str:
     """16 hex digits that change when the world of a task changes: its starts and first epochs, runs 0 and 1.
 
-    Each field enters as two weighted sums, rounded to a ten-millionth of their size. Values themselves could not be
-    rounded safely: an increment is a small difference, and another CPU's last bit would cross a rounding edge
-    somewhere among thousands.
+    What is scored is the told start, kept. Each field enters as two weighted sums, rounded to a ten-millionth of their
+    size. Values themselves could not be rounded safely: an increment is a small difference, and another CPU's last bit
+    would cross a rounding edge somewhere among thousands.
     """
     env = task.make(2)
     obs, info = task.reset(env, (0, 1))
     fields: dict[str, list[Array]] = {name: [info["start"][name]] for name in ("q_nb", "vel", "pos")}
-    fields |= {name: [] for name in (*sorted(obs), "phi")}
+    action, errors = info["start"]["q_nb"], {"phi": "phi"}
+    if env.unwrapped.task.navigate:  # type: ignore[attr-defined]
+        action = np.concatenate([part for (part,) in fields.values()], axis=-1)
+        errors |= {"vel": "velocity error", "pos": "position error"}
+    fields |= {name: [] for name in (*sorted(obs), *errors.values())}
     for _ in range(DIGEST_EPOCHS):
         for name, value in obs.items():
             fields[name].append(np.asarray(value, dtype=np.float64))
-        obs, _, _, _, step = env.step(info["start"]["q_nb"])
-        fields["phi"].append(step["errors"]["phi"])
+        obs, _, _, _, step = env.step(action)
+        for name, label in errors.items():
+            fields[label].append(step["errors"][name])
     env.close()
     lines = []
     for name, parts in fields.items():
@@ -193,99 +201,7 @@ def digest(task: EvaluationTask) -> str:
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 
-def _sway(name: str, what: str, source: str, azimuth_deg: float, level_arcsec: float, **kwargs: Any) -> EvaluationTask:
-    """The swaying base of the thesis, told start, white IMU errors and matched prior but for what ``kwargs`` says."""
-    usual = {"imu": "thesis-white", "gps": "thesis", "start": "told", "prior": "matched"}
-    return EvaluationTask(name, what, source, "SINS/AlignSway-v0", azimuth_deg, level_arcsec, {**usual, **kwargs})
-
-
-_TASKS = (
-    _sway(
-        "sway-white-v0",
-        "swaying base, told attitude wrong by 1/1/15 deg (1 sigma), white IMU errors, matched prior, 360 s",
-        "000 ch. 3, 5",
-        0.7,
-        70.0,
-        duration=360.0,
-    ),
-    _sway(
-        "sway-markov-v0",
-        "swaying base, told attitude wrong by 1/1/15 deg (1 sigma), Gauss-Markov IMU errors, matched prior, 600 s",
-        "000 ch. 3-5",
-        1.6,
-        70.0,
-        imu="thesis-markov",
-        duration=600.0,
-    ),
-    _sway(
-        "sway-told-wrong-v0",
-        "swaying base, told the prior of 000 section 2.5.4 and R = (0.1 m/s)^2 while the GPS is 0.01 m/s, 360 s",
-        "equations.md L",
-        0.6,
-        60.0,
-        gps={"vel_std_mps": 0.01, "rate_hz": 10},
-        prior="thesis",
-        duration=360.0,
-    ),
-    _sway(
-        "sway-scratch-v0",
-        "swaying base, unknown attitude: 120 s coarse and 360 s fine alignment",
-        "000 fig. 2.6",
-        0.7,
-        70.0,
-        start="unknown",
-        coarse=120.0,
-        duration=480.0,
-    ),
-    _sway(
-        "sway-contaminated-v0",
-        "sway-white with a GPS of which 20 % of the fixes have 10 times the variance",
-        "003",
-        0.7,
-        70.0,
-        gps={"contamination": 0.2, "contamination_factor": 10.0},
-        duration=360.0,
-    ),
-    _sway(
-        "sway-jump-v0",
-        "sway-white with a GPS velocity that is 1 m/s off for 5 s, at a time drawn per run and not told",
-        "robust filters",
-        0.7,
-        70.0,
-        gps={"jump_mps": 1.0, "jump_s": 5.0},
-        duration=360.0,
-    ),
-    _sway(
-        "sway-heavytail-v0",
-        "sway-white with a GPS whose errors are Student-t with 3 degrees of freedom",
-        "robust filters",
-        0.7,
-        70.0,
-        gps={"heavy_tail_dof": 3.0},
-        duration=360.0,
-    ),
-    _sway(
-        "sway-anyheading-v0",
-        "sway-white with a told heading that may be wrong by anything up to 180 deg",
-        "particle and bank filters",
-        0.7,
-        70.0,
-        any_heading=True,
-        duration=360.0,
-    ),
-    EvaluationTask(
-        "rlg-car-v0",
-        "real laser-gyro recording of a disturbed parked car, seven windows of 90 s coarse and 210 s fine",
-        "../shared/data",
-        "SINS/Replay-v0",
-        delta_azimuth_deg=0.3,
-        delta_level_arcsec=90.0,
-        kwargs={"recording": "rlg_parked_car.npz", "window": [0.0, 300.0], "stride": 150.0, "coarse": 90.0},
-        windows=7,
-    ),
-)
-
-TASKS: dict[str, EvaluationTask] = {task.name: task for task in _TASKS}
+TASKS: dict[str, EvaluationTask] = {given["name"]: EvaluationTask(**given) for given in DEFINITIONS}
 
 
 def names() -> list[str]:

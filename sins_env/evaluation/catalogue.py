@@ -1,0 +1,110 @@
+"""The tasks as data: the fields of :class:`sins_env.evaluation.tasks.EvaluationTask`, by name. evaluation.md section 2.
+
+Thresholds are three times the bound at the end of the task, rounded up: azimuth to 0.1 deg, level to 10 arcsec.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+Fields = dict[str, Any]
+
+
+def _fields(
+    env_id: str, name: str, what: str, source: str, azimuth_deg: float, level_arcsec: float, kwargs: Fields, **more: Any
+) -> Fields:
+    thresholds = {"delta_azimuth_deg": azimuth_deg, "delta_level_arcsec": level_arcsec}
+    return {"name": name, "what": what, "source": source, "env_id": env_id, **thresholds, "kwargs": kwargs, **more}
+
+
+def _sway(name: str, what: str, source: str, azimuth_deg: float, level_arcsec: float, **kwargs: Any) -> Fields:
+    """The swaying base of the thesis, told start, white IMU errors and matched prior but for what ``kwargs`` says."""
+    usual = {"imu": "thesis-white", "gps": "thesis", "start": "told", "prior": "matched"}
+    return _fields("SINS/AlignSway-v0", name, what, source, azimuth_deg, level_arcsec, {**usual, **kwargs})
+
+
+DEFINITIONS: tuple[Fields, ...] = (
+    _sway(
+        "sway-white-v0",
+        "swaying base, told attitude wrong by 1/1/15 deg (1 sigma), white IMU errors, matched prior, 360 s",
+        "000 ch. 3, 5",
+        0.7,
+        70.0,
+        duration=360.0,
+    ),
+    _sway(
+        "sway-markov-v0",
+        "swaying base, told attitude wrong by 1/1/15 deg (1 sigma), Gauss-Markov IMU errors, matched prior, 600 s",
+        "000 ch. 3-5",
+        1.6,
+        70.0,
+        imu="thesis-markov",
+        duration=600.0,
+    ),
+    _sway(
+        "sway-told-wrong-v0",
+        "swaying base, told the prior of 000 section 2.5.4 and R = (0.1 m/s)^2 while the GPS is 0.01 m/s, 360 s",
+        "equations.md L",
+        0.6,
+        60.0,
+        gps={"vel_std_mps": 0.01, "rate_hz": 10},
+        prior="thesis",
+        duration=360.0,
+    ),
+    _sway(
+        "sway-scratch-v0",
+        "swaying base, unknown attitude: 120 s coarse and 360 s fine alignment",
+        "000 fig. 2.6",
+        0.7,
+        70.0,
+        start="unknown",
+        coarse=120.0,
+        duration=480.0,
+    ),
+    _sway(
+        "sway-contaminated-v0",
+        "sway-white with a GPS of which 20 % of the fixes have 10 times the variance",
+        "003",
+        0.7,
+        70.0,
+        gps={"contamination": 0.2, "contamination_factor": 10.0},
+        duration=360.0,
+    ),
+    _sway(
+        "sway-jump-v0",
+        "sway-white with a GPS velocity that is 1 m/s off for 5 s, at a time drawn per run and not told",
+        "robust filters",
+        0.7,
+        70.0,
+        gps={"jump_mps": 1.0, "jump_s": 5.0},
+        duration=360.0,
+    ),
+    _sway(
+        "sway-heavytail-v0",
+        "sway-white with a GPS whose errors are Student-t with 3 degrees of freedom",
+        "robust filters",
+        0.7,
+        70.0,
+        gps={"heavy_tail_dof": 3.0},
+        duration=360.0,
+    ),
+    _sway(
+        "sway-anyheading-v0",
+        "sway-white with a told heading that may be wrong by anything up to 180 deg",
+        "particle and bank filters",
+        0.7,
+        70.0,
+        any_heading=True,
+        duration=360.0,
+    ),
+    _fields(
+        "SINS/Replay-v0",
+        "rlg-car-v0",
+        "real laser-gyro recording of a disturbed parked car, seven windows of 90 s coarse and 210 s fine",
+        "../shared/data",
+        0.3,
+        90.0,
+        {"recording": "rlg_parked_car.npz", "window": [0.0, 300.0], "stride": 150.0, "coarse": 90.0},
+        windows=7,
+    ),
+)
