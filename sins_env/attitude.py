@@ -170,6 +170,15 @@ def body_rate(angles: Array, rates: Array) -> Array:
     return np.stack([dp * cr + dh * sr * cp, dr - dh * sp, dp * sr - dh * cr * cp], axis=-1)
 
 
+def davenport(M: Array) -> Array:
+    """K (..., 4, 4), symmetric, with q' K q = tr(C(q)' M) - tr M for unit q: Davenport's matrix up to a multiple of I.
+
+    Its eigenvector to the largest eigenvalue is the quaternion of the rotation nearest to M (..., 3, 3).
+    """
+    K = (M.reshape(*M.shape[:-2], 9) @ _DCM.T).reshape(*M.shape[:-2], 4, 4)
+    return 0.5 * (K + np.swapaxes(K, -1, -2))
+
+
 def wrap(angle: Array) -> Array:
     """The angle in [-pi, pi)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -17,14 +17,22 @@ from sins_env.errors import unknown
 from sins_env.types import Estimator
 from solvers import filters
 from solvers.filters import register
-from solvers.pipeline.aligner import Aligner, CoarseAligner
+from solvers.pipeline.aligner import Aligner
+from solvers.pipeline.coarse import estimators as coarse
 from solvers.pipeline.two_pass import TwoPass
 
 __all__ = ["describe", "make", "names", "register", "settings"]
 
 _PIPELINE = tuple(inspect.signature(Aligner).parameters)[1:]
 #: Complete estimators, not made around a filter of choice.
-_COMPLETE: dict[str, type] = {"coarse_inertial": CoarseAligner, "two_pass": TwoPass}
+_COMPLETE: dict[str, type] = {
+    "coarse_inertial": coarse.CoarseInertial,
+    "coarse_oba": coarse.CoarseOba,
+    "coarse_analytic1": coarse.CoarseAnalytic1,
+    "coarse_analytic2": coarse.CoarseAnalytic2,
+    "coarse_analytic3": coarse.CoarseAnalytic3,
+    "two_pass": TwoPass,
+}
 
 
 def names() -> list[str]:

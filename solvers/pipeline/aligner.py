@@ -11,8 +11,8 @@ from sins_env import attitude, earth
 from sins_env.errors import unknown
 from sins_env.specs import GpsSpec
 from sins_env.types import NavState, Observation, Rng, Task
+from solvers.pipeline import coarse as coarse_methods
 from solvers.pipeline import feedback as reset
-from solvers.pipeline.coarse_alignment import CoarseAlignment, check_method
 from solvers.pipeline.error_state import PHI, AlignmentErrors
 from solvers.pipeline.strapdown import Strapdown, StrapdownState, cross, end_rate
 from solvers.types import MISSING, Filter, Health, Measurement, NoiseLaw
@@ -28,7 +28,7 @@ class Aligner:
 
     ``feedback="open"`` leaves the INS alone and corrects its output, as the thesis does; ``"closed"`` resets velocity
     and attitude after each fix; None: open, but closed for a filter that says so (one that linearises at zero error).
-    ``coarse`` is the method of the coarse phase (:mod:`solvers.pipeline.coarse_alignment`),
+    ``coarse`` is the method of the coarse phase (:mod:`solvers.pipeline.coarse`),
     ``model`` and ``bias_frame`` are those of :class:`AlignmentErrors`. The vertical velocity of the INS is slaved to the
     fixes, the position is the told site.
 
@@ -49,7 +49,7 @@ class Aligner:
             feedback = getattr(filter, "feedback", "open")
         if feedback not in FEEDBACK:
             raise unknown("feedback", feedback, FEEDBACK)
-        check_method(coarse)
+        coarse_methods.check_method(coarse)
         self.filter, self.errors = filter, AlignmentErrors(model, bias_frame)
         self.feedback, self.coarse = feedback, coarse
         self.batched: bool = getattr(filter, "batched", True)
@@ -64,7 +64,7 @@ class Aligner:
         self._Q, self._R = self.errors.noise(task.prior), task.prior.R[:2, :2]
         self._law = noise_law(task.gps)
         self._lever = np.asarray(task.gps.lever_arm_m) if any(task.gps.lever_arm_m) else None
-        self._coarse: CoarseAlignment | None = None
+        self._coarse: coarse_methods.Coarse | None = None
         self._ins: StrapdownState | None = None
         self._belief: Any = None
 
@@ -99,7 +99,7 @@ class Aligner:
     def _begin(self, batch: tuple[int, ...]) -> None:
         self._batch = batch
         if self.task.start is None:
-            self._coarse = CoarseAlignment(self.task, batch, self.coarse)
+            self._coarse = coarse_methods.start(self.coarse, self.task, batch)
         else:
             self._start_fine(NavState(*(np.reshape(part, (*batch, part.shape[-1])) for part in self.task.start)))
 
@@ -171,24 +171,3 @@ def noise_law(gps: GpsSpec) -> NoiseLaw | None:
     if not (gps.contamination or gps.heavy_tail_dof):
         return None
     return NoiseLaw(gps.contamination, gps.contamination_factor, gps.heavy_tail_dof)
-
-
-class CoarseAligner:
-    """Coarse alignment all the way: the attitude of :class:`CoarseAlignment`, whatever the start was told to be."""
-
-    batched = True
-
-    def __init__(self, method: str = "svd") -> None:
-        check_method(method)
-        self.method = method
-
-    def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
-        self._task = task
-        self._coarse: CoarseAlignment | None = None
-
-    def step(self, obs: Observation) -> Array:
-        """q_nb (..., 4) at the end of the epoch."""
-        if self._coarse is None:
-            self._coarse = CoarseAlignment(self._task, obs["dtheta"].shape[:-2], self.method)
-        self._coarse.add(obs)
-        return self._coarse.attitude()

@@ -1,0 +1,65 @@
+"""Coarse alignment: the attitude of a base that nobody has told it, from the IMU and, if there are any, the fixes.
+
+    two_vector      the inertial frame, two of its pairs
+    svd             the inertial frame, all pairs since the start: Wahba's problem by the SVD
+    aided           the inertial frame, differences across windows with the velocity of the fixes, by the SVD
+    oba             optimisation-based alignment: the pairs of ``aided``, by Davenport's q-method
+    oba_unaided     the same on the pairs of ``svd``
+    analytic1..3    mean force and mean rate of a base at rest
+
+A method is started by :func:`start`, takes epochs by ``add(obs)`` and gives ``attitude()`` at any time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env.errors import unknown
+from sins_env.types import Observation, Task
+from solvers.pipeline.coarse.aided import Windows
+from solvers.pipeline.coarse.analytic import Analytic
+from solvers.pipeline.coarse.fits import by_davenport, by_svd
+from solvers.pipeline.coarse.inertial import AllPairs, TwoVector
+
+Array = NDArray[np.float64]
+
+
+class Coarse(Protocol):
+    """What a method does; batch first."""
+
+    def add(self, obs: Observation) -> None: ...
+
+    def attitude(self) -> Array: ...
+
+
+METHODS: dict[str, Callable[[Task, tuple[int, ...]], Coarse]] = {
+    "two_vector": TwoVector,
+    "svd": partial(AllPairs, fit=by_svd),
+    "aided": partial(Windows, fit=by_svd),
+    "oba": partial(Windows, fit=by_davenport),
+    "oba_unaided": partial(AllPairs, fit=by_davenport),
+    "analytic1": partial(Analytic, form=1),
+    "analytic2": partial(Analytic, form=2),
+    "analytic3": partial(Analytic, form=3),
+}
+
+
+def check_method(method: str) -> None:
+    """Raises ValueError for an unknown method, with the nearest that exists."""
+    if method not in METHODS:
+        raise unknown("coarse method", method, METHODS)
+
+
+def start(method: str, task: Task, batch: tuple[int, ...]) -> Coarse:
+    """The coarse phase of ``task`` by ``method`` for runs of shape ``batch``.
+
+    Raises:
+        ValueError: an unknown method.
+    """
+    check_method(method)
+    return METHODS[method](task, batch)
