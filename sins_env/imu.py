@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,30 @@ class GaussMarkov:
         return out
 
 
+@dataclass(frozen=True)
+class Wave:
+    """The standard deviation of white noise follows cos(rate t + phase), of which its density is the amplitude."""
+
+    rate: float  #: rad/s
+    phase: float = 0.0  #: rad
+
+    def rms(self, first: int, count: int, dt: float) -> Array:
+        """Root of the mean of its square over each of the samples from ``first`` on, (count,)."""
+        middles = (first + 0.5 + np.arange(count)) * dt
+        return np.sqrt(0.5 * (1.0 + np.sinc(self.rate * dt / np.pi) * np.cos(2.0 * (self.rate * middles + self.phase))))
+
+
+@dataclass(frozen=True)
+class Script:
+    """How a scenario's true sensors depart from their spec: biases of + 1 sigma in every run, a mean and a course of the noise."""
+
+    fixed_bias: bool = False
+    gyro_mean_deg_h: float = 0.0
+    accel_mean_ug: float = 0.0
+    gyro_wave: Wave | None = None
+    accel_wave: Wave | None = None
+
+
 class _Triad:
     """Three like sensors: out = (I + scale and misalignment) true + (bias + Markov) dt + white, then quantised."""
 
@@ -61,14 +86,17 @@ class _Triad:
         coupling: tuple[float, float],
         lsb: float,
         dt: float,
+        script: tuple[bool, float, Wave | None],
     ) -> None:
         self.bias_sigma, self.white, self.markov, self.lsb, self.dt = bias, white, markov, lsb, dt
         self._scale, self._misalignment = coupling
+        self._fixed_bias, self._mean, self._wave = script
 
     def reset(self, fixed: Rngs, noise: Rngs, markov: Rngs) -> None:
-        self._noise = noise
+        self._noise, self._count = noise, 0
         draws = standard_normal(fixed, (12,))
-        self.bias = self.bias_sigma * draws[:, :3]  # (runs, 3)
+        self.bias = self.bias_sigma * (np.ones_like(draws) if self._fixed_bias else draws)[:, :3]  # (runs, 3)
+        self.bias += self._mean
         sigma = np.where(np.eye(3, dtype=bool), self._scale, self._misalignment)
         coupling = sigma * draws[:, 3:].reshape(-1, 3, 3)
         self._coupling = coupling if sigma.any() else None
@@ -82,6 +110,9 @@ class _Triad:
         shape = (epochs * n_sub, 3)
         out = standard_normal(self._noise, shape)
         out *= self.white * math.sqrt(self.dt)
+        if self._wave:
+            out *= self._wave.rms(self._count, shape[0], self.dt)[:, None]
+        self._count += shape[0]
         out += (self.bias * self.dt)[:, None]
         true = true.reshape(runs, *shape)
         out += true
@@ -104,8 +135,9 @@ class _Triad:
 class Imu:
     """The errors of a batch of inertial measurement units sampled every ``dt`` seconds."""
 
-    def __init__(self, spec: ImuSpec, dt: float) -> None:
+    def __init__(self, spec: ImuSpec, dt: float, script: Script | None = None) -> None:
         self.spec = spec
+        script = script or Script()
         coupling = (spec.scale_ppm * PPM, spec.misalignment_arcsec * ARCSEC)
         gyro_markov = GaussMarkov(spec.gyro_markov_deg_h * DEG_PER_H, spec.gyro_markov_s, dt)
         accel_markov = GaussMarkov(spec.accel_markov_ug * UG, spec.accel_markov_s, dt)
@@ -116,6 +148,7 @@ class Imu:
             coupling,
             spec.gyro_lsb_arcsec * ARCSEC,
             dt,
+            (script.fixed_bias, script.gyro_mean_deg_h * DEG_PER_H, script.gyro_wave),
         )
         self.accel = _Triad(
             spec.accel_bias_ug * UG,
@@ -124,6 +157,7 @@ class Imu:
             coupling,
             spec.accel_lsb_mps,
             dt,
+            (script.fixed_bias, script.accel_mean_ug * UG, script.accel_wave),
         )
 
     def reset(self, streams: Sequence[Sequence[np.random.Generator]]) -> None:

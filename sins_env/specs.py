@@ -252,21 +252,23 @@ IMU_PRESETS: dict[str, ImuSpec] = {name: ImuSpec(**values) for name, values in p
 GPS_PRESETS: dict[str, GpsSpec] = {name: GpsSpec(**values) for name, values in presets.GPS.items()}
 
 
-def imu_spec(given: str | Mapping[str, Any] | ImuSpec) -> ImuSpec:
-    """A preset's name, a dict of fields (with an optional ``preset`` they start from), or a spec.
+def imu_spec(given: str | Mapping[str, Any] | ImuSpec, base: ImuSpec | None = None) -> ImuSpec:
+    """A preset's name, a dict of fields, or a spec.
+
+    Fields that a dict leaves out are those of its ``preset``, else of ``base``, by default a perfect sensor.
 
     Raises:
         ValueError: an unknown preset or field (the nearest name is offered), or a value out of range.
     """
-    return _resolve(given, ImuSpec, IMU_PRESETS, "perfect")
+    return _resolve(given, ImuSpec, IMU_PRESETS, base or IMU_PRESETS["perfect"])
 
 
-def gps_spec(given: str | Mapping[str, Any] | GpsSpec) -> GpsSpec:
-    """As :func:`imu_spec`; fields that a dict leaves out are those of the ``thesis`` preset."""
-    return _resolve(given, GpsSpec, GPS_PRESETS, "thesis")
+def gps_spec(given: str | Mapping[str, Any] | GpsSpec, base: GpsSpec | None = None) -> GpsSpec:
+    """As :func:`imu_spec`; ``base`` is by default the ``thesis`` preset."""
+    return _resolve(given, GpsSpec, GPS_PRESETS, base or GPS_PRESETS["thesis"])
 
 
-def _resolve(given: Any, cls: type[S], named: Mapping[str, S], base: str) -> S:
+def _resolve(given: Any, cls: type[S], named: Mapping[str, S], base: S) -> S:
     kind = f"{cls.__name__[:3].upper()} preset"
     if isinstance(given, cls):
         return given
@@ -279,8 +281,6 @@ def _resolve(given: Any, cls: type[S], named: Mapping[str, S], base: str) -> S:
             f"{kind}: {given!r}; allowed: a preset's name, a dict of {cls.__name__} fields, a {cls.__name__}"
         )
     settings = dict(given)
-    start = named.get(str(settings.get("preset", base)))
-    if start is None:
-        raise unknown(kind, settings["preset"], named)
-    settings.pop("preset", None)
-    return build(cls, {**{f.name: getattr(start, f.name) for f in fields(cls)}, **settings}, cls.__name__)
+    if "preset" in settings:
+        base = _resolve(str(settings.pop("preset")), cls, named, base)
+    return build(cls, {**{f.name: getattr(base, f.name) for f in fields(cls)}, **settings}, cls.__name__)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sins_env import checks
 from sins_env.envs.settings import STARTS, check_coarse, check_epoch, check_misalignment
-from sins_env.errors import build
 from sins_env.recordings import Recording
 from sins_env.specs import GPS_PRESETS, PRIORS, GpsSpec, gps_spec
 
@@ -109,7 +108,7 @@ class ReplaySettings:
         if self.gps is None:
             return base
         if isinstance(self.gps, Mapping) and "preset" not in self.gps:
-            spec = build(GpsSpec, {**asdict(base), **self.gps}, "GpsSpec")
+            spec = gps_spec(self.gps, base)
         else:
             spec = replace(gps_spec(self.gps), rate_hz=base.rate_hz, lever_arm_m=base.lever_arm_m)
         if spec.outages_s or spec.jump_mps:

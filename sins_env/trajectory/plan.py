@@ -1,0 +1,229 @@
+"""A flight plan: where it starts, its segments, and the closed form of velocity and attitude that they make. flight.md 1.
+
+A plan is a dict of the fields of :class:`FlightPlan`, in Python or in a YAML or JSON file.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import checks, earth
+from sins_env.errors import build
+from sins_env.specs import DEG
+from sins_env.trajectory.segments import Segment
+from sins_env.types import Site
+
+Array = NDArray[np.float64]
+
+MAX_PITCH_DEG, MAX_ROLL_DEG = 85.0, 180.0
+MAX_SPEED_MPS, MIN_HEIGHT_M, MAX_HEIGHT_M = 1e4, -1e3, 1e5  #: those of the observation space
+FLIGHT_FILES = (".yaml", ".yml", ".json")
+
+
+class Kinematics(NamedTuple):
+    """At some instants: angles are heading, pitch, roll."""
+
+    vel: Array  #: (..., 3) m/s E, N, U
+    accel: Array  #: (..., 3) m/s^2, its derivative
+    angles: Array  #: (..., 3) rad
+    rates: Array  #: (..., 3) rad/s
+
+
+@dataclass(frozen=True)
+class FlightPlan:
+    """Where a flight starts, level and at what speed and heading, and its segments.
+
+    Raises:
+        ValueError: an impossible flight; the error names the segment.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    segments: tuple[Segment, ...]
+    height_m: float = 0.0
+    speed_mps: float = 0.0
+    heading_deg: float = 0.0
+    earth: str = "wgs84"
+
+    def __post_init__(self) -> None:
+        checks.choice("earth model", self.earth, earth.EARTHS)
+        checks.keep(self, "latitude_deg", checks.number, "-89.9 to 89.9", least=-89.9, most=89.9)
+        checks.keep(self, "longitude_deg", checks.number, "-180 to 180", least=-180.0, most=180.0)
+        checks.keep(self, "height_m", checks.number, least=MIN_HEIGHT_M, most=MAX_HEIGHT_M)
+        checks.keep(self, "speed_mps", checks.number, least=0.0, most=MAX_SPEED_MPS)
+        checks.keep(self, "heading_deg", checks.number)
+        rows = checks.items(self.segments)
+        if not rows:
+            raise checks.refused("segments", self.segments, "a list of at least one segment")
+        segments = []
+        for number, given in enumerate(rows, start=1):
+            try:
+                segments.append(Segment.of(given))
+            except ValueError as error:
+                raise ValueError(f"segment {number} ({given!r}): {error}") from None
+        object.__setattr__(self, "segments", tuple(segments))
+        self._check_corners()
+        self._check_path()
+
+    @classmethod
+    def of(cls, given: Any) -> FlightPlan:
+        """A plan, a dict of its fields, or the path of a YAML or JSON file with them.
+
+        Raises:
+            ValueError: an impossible flight, or a field that does not exist.
+            FileNotFoundError: no such file.
+        """
+        if isinstance(given, FlightPlan):
+            return given
+        if isinstance(given, (str, os.PathLike)):
+            path = Path(given)
+            try:
+                return cls.of(_read(path))
+            except ValueError as error:
+                raise ValueError(f"{path}: {error}") from None
+        if not isinstance(given, Mapping):
+            raise checks.refused(
+                "flight", given, "a dict of latitude_deg, longitude_deg, segments, ..., or a file with it"
+            )
+        for field in ("latitude_deg", "longitude_deg", "segments"):
+            if field not in given:
+                raise ValueError(f"the flight has no {field}; it needs latitude_deg, longitude_deg and segments")
+        return build(cls, given, "the flight")
+
+    @property
+    def site(self) -> Site:
+        """Where it starts."""
+        return Site(self.latitude_deg * DEG, self.longitude_deg * DEG, self.height_m, self.earth)
+
+    @cached_property
+    def ends_s(self) -> Array:
+        """(segments,) when each segment ends."""
+        return np.cumsum([segment.duration_s for segment in self.segments])
+
+    @property
+    def duration_s(self) -> float:
+        return float(self.ends_s[-1])
+
+    @property
+    def rest_s(self) -> float:
+        """How long it stands still at first."""
+        still = 0.0
+        if self.speed_mps == 0:
+            for segment in self.segments:
+                if segment != Segment(segment.duration_s):
+                    break
+                still += segment.duration_s
+        return still
+
+    @cached_property
+    def _table(self) -> tuple[Array, Array, Array]:
+        """Per segment: duration (S,); rates (S, 4) of speed, heading, pitch, roll at its start; slope of the heading rate (S,)."""
+        T = np.array([s.duration_s for s in self.segments])
+        heading = DEG * np.array([s.heading_rates_deg_s for s in self.segments])
+        others = np.array([(s.accel_mps2, s.pitch_rate_deg_s, s.roll_rate_deg_s) for s in self.segments])
+        rates = np.column_stack([others[:, 0], heading[:, 0], DEG * others[:, 1:]])
+        return T, rates, (heading[:, 1] - heading[:, 0]) / T
+
+    @cached_property
+    def _corners(self) -> Array:
+        """(S + 1, 4) speed, heading, pitch, roll at the start and after each segment."""
+        T, rates, slope = self._table
+        steps = rates * T[:, None]
+        steps[:, 1] += 0.5 * slope * T**2
+        return np.cumsum(np.vstack([[self.speed_mps, self.heading_deg * DEG, 0.0, 0.0], steps]), axis=0)
+
+    def kinematics(self, t: Array, segment: NDArray[np.intp]) -> Kinematics:
+        """Velocity and attitude with their derivatives at times ``t`` s within the segments of those indices."""
+        _, rates, slope = self._table
+        since = t - np.concatenate([[0.0], self.ends_s])[segment]
+        accel, turn, pitching, rolling = np.moveaxis(rates[segment], -1, 0)
+        speed, heading, pitch, roll = np.moveaxis(self._corners[segment], -1, 0)
+        speed, pitch, roll = speed + accel * since, pitch + pitching * since, roll + rolling * since
+        heading = heading + (turn + 0.5 * slope[segment] * since) * since
+        turn = turn + slope[segment] * since
+        cp, sp, ch, sh = np.cos(pitch), np.sin(pitch), np.cos(heading), np.sin(heading)
+        forward = np.stack([cp * sh, cp * ch, sp], axis=-1)
+        turning = np.stack(
+            [cp * ch * turn - sp * sh * pitching, -cp * sh * turn - sp * ch * pitching, cp * pitching], -1
+        )
+        return Kinematics(
+            speed[..., None] * forward,
+            accel[..., None] * forward + speed[..., None] * turning,
+            np.stack([heading, pitch, roll], axis=-1),
+            np.stack(np.broadcast_arrays(turn, pitching, rolling), axis=-1),
+        )
+
+    def check_grid(self, dt: float) -> None:
+        """Borders must lie on the grid of IMU samples: rates jump there.
+
+        Raises:
+            ValueError: a segment that ends between two samples, and where it may end.
+        """
+        off = self.ends_s / dt - np.rint(self.ends_s / dt)
+        bad = np.flatnonzero(np.abs(off) > 1e-6)
+        if len(bad):
+            end = self.ends_s[bad[0]]
+            raise ValueError(
+                f"{self._named(bad[0])} ends at {end:g} s, between IMU samples of {dt:g} s; allowed: the ends of samples, "
+                f"for instance {np.rint(end / dt) * dt:g} s"
+            )
+
+    def _named(self, i: int) -> str:
+        return f"segment {i + 1} ({self.segments[i]})"
+
+    def _check_corners(self) -> None:
+        """Speed, pitch and roll are linear within a segment: their extremes are at its ends."""
+        rad = 1.0 / DEG
+        limits = (
+            (0, "speed {:g} m/s", 1.0, 0.0, MAX_SPEED_MPS),
+            (2, "pitch {:g} deg", rad, -MAX_PITCH_DEG, MAX_PITCH_DEG),
+            (3, "roll {:g} deg", rad, -MAX_ROLL_DEG, MAX_ROLL_DEG),
+        )
+        for i, corner in enumerate(self._corners[1:]):
+            for column, what, unit, low, high in limits:
+                value = unit * corner[column]
+                if not low - 1e-6 <= value <= high + 1e-6:
+                    raise ValueError(f"{self._named(i)} ends at {what.format(value)}; allowed: {low:g} to {high:g}")
+
+    def _check_path(self) -> None:
+        """Latitude and height along the way, on a sphere and a grid of a second or less: a sanity check, not the truth."""
+        t = np.linspace(0.0, self.duration_s, max(int(self.duration_s), 200) + 1)
+        segment = np.minimum(np.searchsorted(self.ends_s, t), len(self.segments) - 1)
+        vel = self.kinematics(t, segment).vel
+        moved = np.cumsum(0.5 * (vel[1:] + vel[:-1]) * np.diff(t)[:, None], axis=0)
+        latitude, height = self.latitude_deg + moved[:, 1] / 6.37e6 / DEG, self.height_m + moved[:, 2]
+        for what, value, low, high in (
+            ("latitude {:.5g} deg", latitude, -89.9, 89.9),
+            ("height {:.5g} m", height, MIN_HEIGHT_M, MAX_HEIGHT_M),
+        ):
+            out = np.flatnonzero((value < low) | (value > high))
+            if len(out):
+                where = f"{self._named(segment[out[0] + 1])} leads to {what.format(value[out[0]])}"
+                raise ValueError(f"{where}; allowed: {low:g} to {high:g}")
+
+
+def _read(path: Path) -> Any:
+    """What a YAML or JSON file holds."""
+    if path.suffix.lower() not in FLIGHT_FILES:
+        raise ValueError(f"no flight; allowed: a file that ends in {', '.join(FLIGHT_FILES)}")
+    text = path.read_text(encoding="utf-8")
+    if path.suffix.lower() == ".json":
+        try:
+            return json.loads(text)
+        except json.JSONDecodeError as error:
+            raise ValueError(str(error)) from None
+    import yaml  # not needed by those who fly the profiles
+
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ValueError(" ".join(str(error).split())) from None
