@@ -8,7 +8,15 @@ from functools import cached_property
 from typing import Any
 
 from sins_env import checks, earth
-from sins_env.envs.settings import STARTS, check_coarse, check_epoch, check_misalignment, check_timing
+from sins_env.envs.settings import (
+    STARTS,
+    Timed,
+    check_coarse,
+    check_epoch,
+    check_misalignment,
+    check_samples,
+    check_timing,
+)
 from sins_env.gps import epochs_per_fix
 from sins_env.imu import Script
 from sins_env.specs import (
@@ -31,7 +39,7 @@ ERRORS = ("drawn", "fixed")
 
 
 @dataclass(frozen=True)
-class FlightSettings:
+class FlightSettings(Timed):
     """Settings of ``SINS/NavFlight-v0``; JSON-able values only.
 
     ``profile``: a flight of the source documents by name (``sun2012``, ``sun2012-fixed``, ``sun2012-physical``,
@@ -70,18 +78,16 @@ class FlightSettings:
         checks.choice("prior", self.prior, PRIORS)
         set_ = object.__setattr__
         set_(self, "epoch", check_epoch(self.epoch))
-        allowed = "a whole number of IMU samples per epoch, at least 1"
-        set_(self, "n_sub", checks.whole("n_sub", self.n_sub, allowed, least=1))
+        set_(self, "n_sub", check_samples(self.n_sub))
         set_(self, "errors", checks.choice("errors", self.errors or ERRORS[self.base.fixed], ERRORS))
         self._check_times()
         set_(self, "misalignment_deg", check_misalignment(self.misalignment_deg, self.start))
-        for name, count in (("attitude_std_deg", 3), ("velocity_std_mps", 0), ("position_std_m", 0)):
+        for name in ("attitude_std_deg", "velocity_std_mps", "position_std_m"):
             if getattr(self, name) is None:
                 set_(self, name, getattr(self.base, name))
-            elif count:
-                checks.keep(self, name, checks.numbers, count, "three positive numbers (E, N, U) or None", above=0.0)
-            else:
-                checks.keep(self, name, checks.number, "a positive number or None", above=0.0)
+        checks.keep(self, "attitude_std_deg", checks.numbers, 3, "three positive numbers (E, N, U) or None", above=0.0)
+        for name in ("velocity_std_mps", "position_std_m"):
+            checks.keep(self, name, checks.number, "a positive number or None", above=0.0)
         epochs_per_fix(self.gps_true, self.epoch)
         _ = self.imu_true
 
@@ -103,16 +109,6 @@ class FlightSettings:
     @cached_property
     def base(self) -> Profile:
         return flight_profile(self.profile)
-
-    @property
-    def duration_s(self) -> float:
-        assert self.duration is not None
-        return self.duration
-
-    @property
-    def coarse_s(self) -> float:
-        assert self.coarse is not None
-        return self.coarse
 
     @property
     def imu_true(self) -> ImuSpec:

@@ -27,8 +27,25 @@ STARTS = ("unknown", "told")
 LONGITUDE_DEG = 116.3  #: Beijing, assumed for 000 (equations.md F)
 
 
+class Timed:
+    """Settings whose ``duration`` and ``coarse`` may be given as None; checked, they are numbers."""
+
+    duration: float | None
+    coarse: float | None
+
+    @property
+    def duration_s(self) -> float:
+        assert self.duration is not None
+        return self.duration
+
+    @property
+    def coarse_s(self) -> float:
+        assert self.coarse is not None
+        return self.coarse
+
+
 @dataclass(frozen=True)
-class AlignSettings:
+class AlignSettings(Timed):
     """Settings of ``SINS/AlignSway-v0`` and ``SINS/AlignStatic-v0``; JSON-able values only.
 
     ``duration`` s includes ``coarse`` s. None: coarse is 120 s for an unknown start and 0 for a told one, the fine
@@ -63,8 +80,7 @@ class AlignSettings:
         checks.choice("earth model", self.earth, earth.EARTHS)
         set_ = object.__setattr__
         set_(self, "epoch", check_epoch(self.epoch))
-        allowed = "a whole number of IMU samples per epoch, at least 1"
-        set_(self, "n_sub", checks.whole("n_sub", self.n_sub, allowed, least=1))
+        set_(self, "n_sub", check_samples(self.n_sub))
         set_(self, "coarse", check_coarse(self.coarse, self.start, 120.0))
         duration = 360.0 + self.coarse_s if self.duration is None else checks.number("duration", self.duration)
         set_(self, "duration", duration)
@@ -86,16 +102,6 @@ class AlignSettings:
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> AlignSettings:
         return build(cls, settings, "the environment")
-
-    @property
-    def duration_s(self) -> float:
-        assert self.duration is not None
-        return self.duration
-
-    @property
-    def coarse_s(self) -> float:
-        assert self.coarse is not None
-        return self.coarse
 
     @property
     def imu_true(self) -> ImuSpec:
@@ -127,6 +133,11 @@ class AlignSettings:
 def check_epoch(given: Any) -> float:
     """Seconds."""
     return checks.number("epoch", given, "a positive number of seconds", above=0.0)
+
+
+def check_samples(given: Any) -> int:
+    """IMU samples per epoch."""
+    return checks.whole("n_sub", given, "a whole number of IMU samples per epoch, at least 1", least=1)
 
 
 def check_coarse(given: Any, start: str, default: float) -> float:
