@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,14 @@ def epochs_per_fix(spec: GpsSpec, epoch_s: float) -> int:
             f"allowed: {1 / epoch_s:g} Hz divided by a whole number, for instance {near:g} Hz"
         )
     return round(ratio)
+
+
+def received(spec: GpsSpec, t: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
+    """Which of the times (...,) s lie outside the outages."""
+    there = np.ones(t.shape, dtype=bool)
+    for start, end in spec.outages_s:
+        there &= ~((t > start) & (t <= end))
+    return there
 
 
 class Gps:
@@ -70,9 +79,7 @@ class Gps:
             inside = (t > self._jump_start[:, None]) & (t <= self._jump_end[:, None])
             vel = vel + inside[..., None] * self._jump[:, None]
         pos = earth.displace(self._earth, pos, self.spec.pos_std * errors[..., 3:])
-        present = number % self._every == 0
-        for start, end in self.spec.outages_s:
-            present &= ~((t > start) & (t <= end))
+        present = (number % self._every == 0) & received(self.spec, t)
         if not present.all():
             vel, pos = vel * present[:, None], pos * present[:, None]
         return vel, pos, np.broadcast_to(present[:, None], (runs, epochs, 1)).astype(np.int8)

@@ -35,6 +35,13 @@ IMU: dict[str, Fields] = {
         "gyro_lsb_arcsec": 0.1,
         "accel_lsb_mps": 1.222540875e-3,
     },
+    # What the makers of ../shared/data/navgrade_car_gps.npz say of their sensors
+    "navgrade-car": {
+        "gyro_bias_deg_h": 0.05,
+        "arw_deg_sqrt_h": 0.001,
+        "accel_bias_ug": 1000.0,
+        "vrw_ug_sqrt_hz": 10.0,
+    },
     "navigation": {
         "gyro_bias_deg_h": 0.005,
         "arw_deg_sqrt_h": 0.002,

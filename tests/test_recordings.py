@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from oracles import recorded as files
 
 from sins_env import attitude
-from sins_env.recordings import LAYOUTS, load, to_rfu
+from sins_env.recordings import FORMATS, LAYOUTS, left_out, load, save, to_rfu
 
 
 @pytest.fixture
@@ -276,3 +276,23 @@ def test_the_driven_car(recorded):
     assert np.abs(attitude.wrap(np.radians(hpr[:, 0] - 90 - heading))[level]).max() < np.radians(0.03)
     assert_allclose(recording.lever_arm, [-0.528, -0.985, 2.021], atol=1e-3)
     assert set(LAYOUTS) == {"counts", "increments"}
+
+
+def test_displacements(tmp_path):
+    moved = {
+        "tdcp_t_imu_s": np.array([1.95, 2.95, 3.95, 4.95]),
+        "tdcp_disp_enu_m": np.arange(12.0).reshape(4, 3),
+        "tdcp_nsat": np.array([7, 5, 6, 6]),
+        "tdcp_res_rms_m": np.array([0.01, 0.01, 0.03, 0.029]),
+    }
+    recording = load(files.increments(tmp_path / "drive.npz", **moved))
+    found = recording.displacements
+    assert_array_equal(found.enu, moved["tdcp_disp_enu_m"])
+    assert (found.span_s, found.usable.tolist()) == (1.0, [True, False, False, True])
+    assert load(files.increments(tmp_path / "plain.npz")).displacements is None
+    save(recording, tmp_path / "own.npz")
+    for one, other in zip(found, load(tmp_path / "own.npz").displacements, strict=True):
+        assert_array_equal(one, other)
+    assert [("displacements" in left_out(recording, name)) for name in FORMATS] == [name != "npz" for name in FORMATS]
+    with pytest.raises(ValueError, match=r"tdcp_nsat has shape \(3,\); allowed: \(4\)"):
+        load(files.increments(tmp_path / "bad.npz", **{**moved, "tdcp_nsat": np.array([7, 5, 6])}))

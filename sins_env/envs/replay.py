@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env import attitude, checks, recordings
+from sins_env import checks, earth, recordings
 from sins_env.envs.base import EpisodeEnv, EpisodeVectorEnv
 from sins_env.envs.replay_settings import ReplaySettings
 from sins_env.envs.windows import Windows
 from sins_env.envs.world import ChunkedWorld, World, told_start
 from sins_env.errors import build, unknown
-from sins_env.gps import epochs_per_fix
+from sins_env.gps import epochs_per_fix, received
 from sins_env.imu import standard_normal
 from sins_env.specs import COARSE_STD_DEG, PRIORS, TOLD_START_STD_DEG, imu_spec
 from sins_env.types import NavState, Task
@@ -40,6 +40,12 @@ class ReplayWorld(ChunkedWorld):
             raise ValueError(f"{self.recording.name}: its fixes are positions only; allowed: {allowed}")
         if settings.start == "told" and not self.scored:
             raise ValueError("start = 'told'; allowed: 'unknown', the recording has no reference to start from")
+        navigates, ref = settings.mode == "navigate", self.recording.reference
+        if navigates and ref is not None and (ref.vel is None or ref.pos is None):
+            allowed = "a reference with velocities and positions, or mode = 'align'"
+            raise ValueError(
+                f"mode = 'navigate' on {self.recording.name}, whose reference is short of them; allowed: {allowed}"
+            )
         self.n_sub = settings.samples_per_epoch(self.recording.rate_hz)
         told, coarse = settings.start == "told", settings.coarse or 0.0
         self.windows = Windows(
@@ -52,7 +58,8 @@ class ReplayWorld(ChunkedWorld):
             settings.stride,
             told,
         )
-        gps, imu = settings.told_gps(self.recording), imu_spec(settings.imu)
+        self.gps, imu = settings.fixes(self.recording), imu_spec(settings.imu)
+        gps = self.gps
         self._every = epochs_per_fix(gps, settings.epoch) if self.recording.gnss is None else 1
         spread = TOLD_START_STD_DEG if told else COARSE_STD_DEG
         prior = PRIORS[settings.prior](imu, gps, settings.epoch, spread)
@@ -66,6 +73,7 @@ class ReplayWorld(ChunkedWorld):
             imu=imu,
             gps=gps.told(prior.gps_vel_std_mps if settings.prior == "thesis" else None),
             prior=prior,
+            navigate=navigates,
         )
 
     def reset(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> tuple[NavState, NavState | None]:
@@ -78,8 +86,12 @@ class ReplayWorld(ChunkedWorld):
         truth = NavState(*(part[:, 0] for part in self._truth(self._times(0, 1))))
         if self.settings.start == "unknown":
             return truth, None
-        draws = standard_normal([s[1] for s in streams], (6,))
-        return truth, told_start(self.task, self.settings.misalignment_deg, truth, draws, truth.pos)
+        draws = standard_normal([s[1] for s in streams], (9,))
+        pos = truth.pos
+        if self.task.navigate:
+            model = earth.get(self.task.site.earth)
+            pos = earth.displace(model, pos, self.task.prior.position_std_m * draws[:, 6:])
+        return truth, told_start(self.task, self.settings.misalignment_deg, truth, draws[:, :6], pos)
 
     def _pick(self, given: Any, rngs: Sequence[np.random.Generator]) -> NDArray[np.int64]:
         count = len(self.windows.first_samples)
@@ -109,36 +121,18 @@ class ReplayWorld(ChunkedWorld):
         return (*increments, *self._fixes(times, np.arange(first + 1, first + count + 1))), self._truth(times)
 
     def _fixes(self, times: Array, number: NDArray[np.int64]) -> tuple[Array, Array, NDArray[np.int8]]:
-        gnss = self.recording.gnss
+        gnss, there = self.recording.gnss, received(self.gps, number * self.task.epoch_s)[:, None]
         if gnss is None:
-            valid = np.broadcast_to((number % self._every == 0)[:, None], (*times.shape, 1))
+            valid = np.broadcast_to(there & (number % self._every == 0)[:, None], (*times.shape, 1))
             return np.zeros((*times.shape, 3)), valid * self.task.site.pos, valid.astype(np.int8)
         half = self.windows.half_sample
         i = np.minimum(np.searchsorted(gnss.t_s, times - half), len(gnss.t_s) - 1)
-        valid = (np.abs(gnss.t_s[i] - times) <= half)[..., None]
+        valid = (np.abs(gnss.t_s[i] - times) <= half)[..., None] & there
         assert gnss.vel is not None
         return gnss.vel[i] * valid, gnss.pos[i] * valid, valid.astype(np.int8)
 
     def _truth(self, times: Array) -> NavState:
-        """The reference at ``times``: exact where a stamp is within half a sample, else interpolated."""
-        ref = self.recording.reference
-        still, place = np.zeros((*times.shape, 3)), np.broadcast_to(self.task.site.pos, (*times.shape, 3))
-        if ref is None:
-            return NavState(np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*times.shape, 4)), still, place)
-        i = np.clip(np.searchsorted(ref.t_s, times), 1, len(ref.t_s) - 1)
-        before, after = ref.t_s[i - 1], ref.t_s[i]
-        half = self.windows.half_sample
-        w = np.clip((times - before) / (after - before), 0.0, 1.0)
-        w = np.where(np.abs(times - before) <= half, 0.0, np.where(np.abs(times - after) <= half, 1.0, w))
-
-        def between(values: Array) -> Array:
-            return (1.0 - w[..., None]) * values[i - 1] + w[..., None] * values[i]
-
-        return NavState(
-            attitude.slerp(ref.q_nb[i - 1], ref.q_nb[i], w),
-            still if ref.vel is None else between(ref.vel),
-            place if ref.pos is None else between(ref.pos),
-        )
+        return recordings.reference_at(self.recording, times, self.windows.half_sample)
 
 
 def _replay(**settings: Any) -> World:

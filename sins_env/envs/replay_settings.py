@@ -15,7 +15,9 @@ from sins_env.envs.settings import STARTS, check_coarse, check_epoch, check_misa
 from sins_env.recordings import Recording
 from sins_env.specs import GPS_PRESETS, PRIORS, GpsSpec, gps_spec
 
-MODES = ("align",)
+MODES = ("align", "navigate")
+#: Default of ``coarse``, s: cars stand longer where aligning is all they are there for.
+COARSE_S = {"align": 90.0, "navigate": 60.0}
 #: A parked base is known to stand still within its disturbances, at a surveyed place.
 ZERO_VELOCITY = GpsSpec(vel_std_mps=0.03, pos_std_m=1.0)
 
@@ -27,12 +29,14 @@ class ReplaySettings:
     ``recording``: a path, sought as given and then in $SINS_ENV_DATA. ``window``: (start, length) in s on the
     recording's clock, None for all of it; it begins at the sample edge nearest to ``start``. ``duration`` s alone
     is a window of that length from the recording's first epoch on. ``stride``: s.
-    ``n_sub`` None is what epoch and sample rate give. ``coarse`` None is 90 s, or 0 for a told start.
+    ``n_sub`` None is what epoch and sample rate give. ``mode="navigate"`` asks for attitude, velocity and position of
+    the IMU, "align" for attitude alone. ``coarse`` None is 90 s, 60 s to navigate, or 0 for a told start.
 
-    ``imu`` and ``gps`` are what the estimators are told: a preset's name or a dict of fields. Rate and lever
-    arm are the recording's own. Without GNSS the fix is a zero-velocity update at the known site, by default
-    0.03 m/s at every epoch (a dict's ``rate_hz`` thins it). ``start="told"`` needs a reference;
-    ``misalignment_deg`` is that of AlignSettings.
+    ``imu`` and ``gps`` are what the estimators are told: a preset's name or a dict of fields. Fixes are told as the
+    preset "dgps" unless another is given: their scatter is less within a minute, but wanders over minutes. Rate and
+    lever arm are the recording's own; ``outages_s``, in s of the window, withholds its fixes. Without GNSS the fix is a
+    zero-velocity update at the known site, by default 0.03 m/s at every epoch (a dict's ``rate_hz`` thins it).
+    ``start="told"`` needs a reference; ``misalignment_deg`` is that of AlignSettings.
 
     Raises:
         ValueError: any value out of its range.
@@ -55,12 +59,12 @@ class ReplaySettings:
     def __post_init__(self) -> None:
         checks.choice("start", self.start, STARTS)
         checks.choice("prior", self.prior, PRIORS)
-        checks.choice("mode of this version", self.mode, MODES)
+        checks.choice("mode", self.mode, MODES)
         if not self.recording or not isinstance(self.recording, (str, os.PathLike)):
             raise checks.refused("recording", self.recording, "the path of a recording")
         set_ = object.__setattr__
         set_(self, "epoch", check_epoch(self.epoch))
-        set_(self, "coarse", check_coarse(self.coarse, self.start, 90.0))
+        set_(self, "coarse", check_coarse(self.coarse, self.start, COARSE_S[self.mode]))
         set_(self, "misalignment_deg", check_misalignment(self.misalignment_deg, self.start))
         if self.n_sub is not None:
             checks.number("n_sub", self.n_sub, "a whole number of samples per epoch, or None")
@@ -92,8 +96,8 @@ class ReplaySettings:
             raise ValueError(f"n_sub = {self.n_sub!r}; allowed: {fitting}, or None")
         return whole
 
-    def told_gps(self, recording: Recording) -> GpsSpec:
-        """What the estimators are told of the fixes.
+    def fixes(self, recording: Recording) -> GpsSpec:
+        """The fixes: what the estimators are told of them, and the outages.
 
         Raises:
             ValueError: a setting that only a simulation can grant, or a rate that is not the recording's.
@@ -111,9 +115,9 @@ class ReplaySettings:
             spec = gps_spec(self.gps, base)
         else:
             spec = replace(gps_spec(self.gps), rate_hz=base.rate_hz, lever_arm_m=base.lever_arm_m)
-        if spec.outages_s or spec.jump_mps:
+        if spec.jump_mps:
             raise ValueError(
-                "outages_s or jump_mps in a replay; allowed: in a simulation only, the fixes here are real"
+                f"jump_mps = {spec.jump_mps:g} in a replay; allowed: in a simulation only, the fixes are real"
             )
         if gnss is not None and not math.isclose(spec.rate_hz, base.rate_hz):
             raise ValueError(f"GpsSpec.rate_hz = {spec.rate_hz:g}; allowed: {base.rate_hz:g}, the recording's own")

@@ -65,8 +65,10 @@ class Windows:
         return max(recording.t0, float(begin)), min(recording.end, float(ref.t_s[-1]))
 
     def _whole(self, begin: float, end: float) -> tuple[float, float]:
-        """All of it, from the first whole number of epochs on the recording's clock."""
-        start = math.ceil((begin - self.half_sample) / self.epoch_s) * self.epoch_s
+        """All of it, from the first whole number of epochs on: before the first fix, or else on the recording's clock."""
+        gnss, rate = self.recording.gnss, self.recording.rate_hz
+        origin = 0.0 if gnss is None else round(float(gnss.t_s[0]) * rate) / rate
+        start = origin + math.ceil((begin - origin - self.half_sample) / self.epoch_s) * self.epoch_s
         return start, math.floor((end + self.half_sample - start) / self.epoch_s) * self.epoch_s
 
     def _check_gaps(self) -> None:

@@ -14,14 +14,16 @@ the line or sample, what is there and what is allowed. Nothing is resampled unle
 from sins_env.recordings.axes import heading_pitch_roll, to_rfu
 from sins_env.recordings.clock import resample
 from sins_env.recordings.files import DATA_VARIABLE, FORMATS, format_of, left_out, load, save
+from sins_env.recordings.interpolation import reference_at
 from sins_env.recordings.npz import LAYOUTS, Layout
-from sins_env.recordings.recording import Gap, Gnss, Recording, Reference, first_few, seconds
+from sins_env.recordings.recording import Displacements, Gap, Gnss, Recording, Reference, first_few, seconds
 from sins_env.recordings.summary import Summary, summarise
 
 __all__ = [
     "DATA_VARIABLE",
     "FORMATS",
     "LAYOUTS",
+    "Displacements",
     "Gap",
     "Gnss",
     "Layout",
@@ -33,6 +35,7 @@ __all__ = [
     "heading_pitch_roll",
     "left_out",
     "load",
+    "reference_at",
     "resample",
     "save",
     "seconds",

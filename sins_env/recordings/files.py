@@ -175,6 +175,7 @@ def left_out(recording: Recording, format: str) -> list[str]:
     if format == "psins-imu":
         out += ["fixes"] * (gnss is not None) + ["reference"] * (ref is not None)
         out += ["lever arm"] * (recording.lever_arm is not None)
+    out += ["displacements"] * (recording.displacements is not None and format != "npz")
     if format == "psins-mat" and gnss is not None and (gnss.pos_std is not None or gnss.vel_std is not None):
         out.append("standard deviations of the fixes")
     return out

@@ -18,7 +18,7 @@ from sins_env import attitude
 from sins_env.recordings.axes import to_rfu, turned
 from sins_env.recordings.clock import Samples, check_increasing, clocked, on_grid, resample
 from sins_env.recordings.mapping import Mapping
-from sins_env.recordings.recording import Gnss, Recording, Reference, frozen
+from sins_env.recordings.recording import Displacements, Gnss, Recording, Reference, frozen
 from sins_env.recordings.rows import check_unit, geodetic, site
 from sins_env.recordings.text import replacing
 
@@ -148,7 +148,18 @@ def _increments(file: _File, axes: str, mapping: Mapping) -> Recording:
     gnss = Gnss(t, file.array("gnss_vel_enu_mps", (len(t), 3)), file.positions("gnss_llh_deg_m", len(t)))
     lever = turn @ file.array("lever_arm_est_body_m", (3,)) if "lever_arm_est_body_m" in file.arrays else None
     t0, rate, dtheta, dvel = clock
-    return Recording(file.path.stem, rate, t0, dtheta, dvel, site(gnss.pos[0]), gnss, lever, _reference(file, turn))
+    parts = (gnss, lever, _reference(file, turn), _displacements(file))
+    return Recording(file.path.stem, rate, t0, dtheta, dvel, site(gnss.pos[0]), *parts)
+
+
+def _displacements(file: _File) -> Displacements | None:
+    """The package's own files have the same keys; what does not name its span covers a second."""
+    if "tdcp_t_imu_s" not in file.arrays:
+        return None
+    t = file.times("tdcp_t_imu_s")
+    span = file.scalar("tdcp_span_s", positive=True) if "tdcp_span_s" in file.arrays else 1.0
+    satellites, residual = (file.array(key, (len(t),)) for key in ("tdcp_nsat", "tdcp_res_rms_m"))
+    return Displacements(t, span, file.array("tdcp_disp_enu_m", (len(t), 3)), satellites, residual)
 
 
 def _reference(file: _File, turn: Array) -> Reference | None:
@@ -205,6 +216,7 @@ def _own(file: _File, mapping: Mapping) -> Recording:
         gnss,
         file.optional("lever_arm_rfu_m", (3,)),
         reference,
+        _displacements(file),
     )
     return resample(recording, mapping.resample_hz) if mapping.resample_hz else recording
 
@@ -235,6 +247,9 @@ def save(recording: Recording, path: Path) -> list[Path]:
         arrays |= {"gnss_pos_std_enu_m": gnss.pos_std, "gnss_vel_std_enu_mps": gnss.vel_std}
     if ref is not None:
         arrays |= {"ref_t_s": ref.t_s, "ref_q_nb_wxyz": ref.q_nb, "ref_vel_enu_mps": ref.vel, "ref_llh_rad_m": ref.pos}
+    if recording.displacements is not None:
+        keys = ("tdcp_t_imu_s", "tdcp_span_s", "tdcp_disp_enu_m", "tdcp_nsat", "tdcp_res_rms_m")
+        arrays |= zip(keys, recording.displacements, strict=True)
     with replacing([path]) as (new,), new.open("wb") as stream:
         np.savez(stream, **{key: value for key, value in arrays.items() if value is not None})
     return [path]

@@ -12,6 +12,8 @@ from sins_env.types import Site
 
 Array = NDArray[np.float64]
 
+LEAST_SATELLITES, MOST_RESIDUAL_M = 6, 0.03  #: of a displacement that can be relied on
+
 
 class Gnss(NamedTuple):
     """Fixes of the antenna, on the clock of the IMU."""
@@ -30,6 +32,21 @@ class Reference(NamedTuple):
     q_nb: Array  #: (L, 4) Right-Forward-Up body to East-North-Up
     vel: Array | None  #: (L, 3) m/s
     pos: Array | None  #: (L, 3) latitude rad, longitude rad, height m
+
+
+class Displacements(NamedTuple):
+    """How far the antenna moved, from the phase of the carrier: a witness that neither fixes nor reference have heard."""
+
+    t_s: Array  #: (D,) ends of the intervals
+    span_s: float  #: length of each
+    enu: Array  #: (D, 3) m East, North, Up
+    satellites: Array  #: (D,) how many they rest on
+    residual_m: Array  #: (D,) RMS of their equations
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """(D,) redundant and consistent."""
+        return (self.satellites >= LEAST_SATELLITES) & (self.residual_m < MOST_RESIDUAL_M)
 
 
 class Gap(NamedTuple):
@@ -56,6 +73,7 @@ class Recording:
     gnss: Gnss | None = None
     lever_arm: Array | None = None  #: (3,) m from the IMU to the antenna, Right-Forward-Up
     reference: Reference | None = None
+    displacements: Displacements | None = None
 
     @property
     def end(self) -> float:

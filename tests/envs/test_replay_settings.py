@@ -50,7 +50,7 @@ def test_told_fixes(parked, driven):
 def test_fixes_between_epochs_are_refused_with_what_fits(driven):
     fits = r"begins at 0\.05 s modulo 0\.1 s or epochs of 0\.05 s"
     with pytest.raises(ValueError, match=rf"fix at 0\.95 s is 0\.05 s off .* {fits}"):
-        make(driven)
+        make(driven, window=(0.0, 10.0))
     with pytest.raises(ValueError, match=r"begins at 0\.05 s modulo 0\.1 s"):
         make(driven, window=(0.02, 10.0))
 
@@ -61,11 +61,11 @@ def test_half_a_sample_is_the_limit(tmp_path, shift, fits):
     llh, vel = np.full((11, 3), 34.0), np.ones((11, 3))
     path = files.increments(tmp_path / "x.npz", gnss_t_imu_s=t + shift, gnss_llh_deg_m=llh, gnss_vel_enu_mps=vel)
     if fits:
-        observations, _, _ = play(make(path, epoch=0.05), seed=0)
+        observations, _, _ = play(make(path, epoch=0.05, window=(0.05, 11.0)), seed=0)
         assert stacked(observations, "gps_valid").sum() == 11
     else:
         with pytest.raises(ValueError, match=r"is 0\.0024 s off|is 0\.0026 s off"):
-            make(path, epoch=0.05)
+            make(path, epoch=0.05, window=(0.05, 11.0))
 
 
 def test_without_a_reference_nothing_is_scored(tmp_path):
@@ -101,11 +101,16 @@ def test_gaps(tmp_path):
     [
         ({"windw": (0, 1)}, "unknown setting of SINS/Replay-v0 'windw'; did you mean 'window'"),
         ({"start": "tld"}, "unknown start 'tld'; did you mean 'told'"),
-        ({"mode": "navigate"}, "unknown mode of this version 'navigate'; Allowed: align"),
+        ({"mode": "navgate"}, "unknown mode 'navgate'; did you mean 'navigate'"),
+        (
+            {"mode": "navigate"},
+            "mode = 'navigate' on parked, whose reference is short of them; allowed: a reference with",
+        ),
         ({"prior": "machted"}, "did you mean 'matched'"),
         ({"imu": "rlg-kar"}, "did you mean 'rlg-car'"),
         ({"gps": {"vel_std": 0.1}}, "unknown setting of GpsSpec 'vel_std'; did you mean"),
-        ({"gps": {"outages_s": [[1, 2]]}}, "outages_s or jump_mps in a replay"),
+        ({"gps": {"jump_mps": 1.0}}, "jump_mps = 1 in a replay; allowed: in a simulation only"),
+        ({"gps": {"outages_s": [[2, 1]]}}, "outages_s"),
         ({"gps": {"rate_hz": 3.0}}, "fixes must fall on the ends of epochs"),
         ({"n_sub": 30}, "n_sub = 30; allowed: 10 for epochs of 0.1 s at 100 Hz"),
         (

@@ -1,0 +1,41 @@
+"""The reference between its stamps."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import attitude, earth
+from sins_env.recordings.recording import Recording
+from sins_env.types import NavState
+
+Array = NDArray[np.float64]
+
+
+def reference_at(recording: Recording, times: Array, within: float = 0.0) -> NavState:
+    """The reference at ``times`` (...,) s; a stamp ``within`` s of one is taken as it is.
+
+    Attitude turns and velocity changes uniformly from stamp to stamp; position follows the cubic that has the velocity
+    of the reference at both (of a car sampled at 1 Hz, a straight line would be wrong by 0.4 m at 3 m/s^2). Without
+    velocities the line has to do. Where there are neither, or no reference at all, the base stands still at its site.
+    """
+    ref, site = recording.reference, recording.site.pos
+    still, place = np.zeros((*times.shape, 3)), np.broadcast_to(site, (*times.shape, 3))
+    if ref is None:
+        return NavState(np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*times.shape, 4)), still, place)
+    i = np.clip(np.searchsorted(ref.t_s, times), 1, len(ref.t_s) - 1)
+    before, after = ref.t_s[i - 1], ref.t_s[i]
+    w = np.clip((times - before) / (after - before), 0.0, 1.0)
+    w = np.where(np.abs(times - before) <= within, 0.0, np.where(np.abs(times - after) <= within, 1.0, w))
+    v = w[..., None]
+    vel = still if ref.vel is None else (1.0 - v) * ref.vel[i - 1] + v * ref.vel[i]
+    q_nb = attitude.slerp(ref.q_nb[i - 1], ref.q_nb[i], w)
+    if ref.pos is None:
+        return NavState(q_nb, vel, place)
+    model = earth.get(recording.site.earth)
+    step = earth.offset(model, ref.pos[i - 1], ref.pos[i])
+    moved = v * step
+    if ref.vel is not None:  # Hermite's cubic less its line
+        first, last = (ref.vel[j] * (after - before)[..., None] - step for j in (i - 1, i))
+        moved = moved + v * (1.0 - v) * ((1.0 - v) * first - v * last)
+    return NavState(q_nb, vel, earth.displace(model, ref.pos[i - 1], moved))
