@@ -18,6 +18,7 @@ Scalar = float | Array
 
 MAX_LATITUDE = math.radians(89.9)  #: the local-level frame is singular at the poles
 FREE_AIR = 3.086e-6  #: 1/s^2, decrease of gravity with height
+GRAVITY_E2 = 0.00669437999014  #: WGS-84's, whatever the ellipsoid: the constants of the gravity formula belong together
 
 
 @dataclass(frozen=True)
@@ -70,9 +71,15 @@ def radii(earth: Earth, latitude: Scalar) -> tuple[Array, Array]:
 def gravity(earth: Earth, latitude: Scalar, height: Scalar = 0.0) -> Array:
     """Normal gravity, m/s^2: Somigliana, with the free-air gradient outside the bracket (erratum 2). (2.2.25)."""
     s2 = np.sin(latitude) ** 2
-    # WGS-84's own eccentricity: the formula's constants belong together.
-    surface = earth.gravity_equator * (1.0 + earth.somigliana * s2) / np.sqrt(1.0 - 0.00669437999014 * s2)
+    surface = earth.gravity_equator * (1.0 + earth.somigliana * s2) / np.sqrt(1.0 - GRAVITY_E2 * s2)
     return surface - FREE_AIR * np.asarray(height)
+
+
+def gravity_slope(earth: Earth, latitude: Scalar) -> Array:
+    """Derivative of normal gravity along the latitude, m/s^2 per rad."""
+    s, c, k = np.sin(latitude), np.cos(latitude), earth.somigliana
+    w2 = 1.0 - GRAVITY_E2 * s * s
+    return np.asarray(earth.gravity_equator * s * c * (2.0 * k + GRAVITY_E2 * (1.0 + k * s * s) / w2) / np.sqrt(w2))
 
 
 def rate_n(earth: Earth, latitude: Scalar) -> Array:

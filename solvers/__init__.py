@@ -17,13 +17,13 @@ from sins_env.errors import unknown
 from sins_env.types import Estimator
 from solvers import filters
 from solvers.filters import register
-from solvers.pipeline.aligner import Aligner
 from solvers.pipeline.coarse import estimators as coarse
+from solvers.pipeline.pipeline import Pipeline
 from solvers.pipeline.two_pass import TwoPass
 
 __all__ = ["describe", "make", "names", "register", "settings"]
 
-_PIPELINE = tuple(inspect.signature(Aligner).parameters)[1:]
+_PIPELINE = tuple(inspect.signature(Pipeline).parameters)[1:]
 #: Complete estimators, not made around a filter of choice.
 _COMPLETE: dict[str, type] = {
     "coarse_inertial": coarse.CoarseInertial,
@@ -45,7 +45,7 @@ def settings(name: str) -> list[inspect.Parameter]:
     if name in _COMPLETE:
         return list(inspect.signature(_COMPLETE[name]).parameters.values())
     own = inspect.signature(filters.FILTERS[name]).parameters.values()
-    pipeline = inspect.signature(Aligner).parameters
+    pipeline = inspect.signature(Pipeline).parameters
     return [p.replace(kind=p.KEYWORD_ONLY) for p in (*own, *(pipeline[key] for key in _PIPELINE))]
 
 
@@ -55,7 +55,7 @@ def describe(name: str) -> str:
 
 
 def make(name: str, **given: Any) -> Estimator:
-    """The estimator ``name``: the alignment pipeline around that filter.
+    """The estimator ``name``: the pipeline around that filter, for tasks of alignment and of navigation.
 
     The settings given are those of the pipeline (``model bias_frame feedback coarse``) and of the filter.
 
@@ -71,4 +71,4 @@ def make(name: str, **given: Any) -> Estimator:
     if name in _COMPLETE:
         return _COMPLETE[name](**given)
     pipeline = {key: given.pop(key) for key in _PIPELINE if key in given}
-    return Aligner(filters.make_filter(name, **given), **pipeline)
+    return Pipeline(filters.make_filter(name, **given), **pipeline)

@@ -21,8 +21,9 @@ def corrected(q_nb: Array, phi: Array) -> Array:
 
 
 def corrected_covariance(phi: Array, P: Array) -> Array:
-    """Covariance (..., 3, 3) of the misalignment left after the correction by phi, from P (..., 3, 3) of phi."""
-    J = reset_jacobian(phi, phi)
+    """Covariance (..., k, k) of what is left after the correction by phi, from P (..., k, k) of phi and, behind it, others."""
+    J = np.broadcast_to(np.eye(P.shape[-1]), P.shape).copy()
+    J[..., :3, :3] = reset_jacobian(phi, phi)
     return J @ P @ np.swapaxes(J, -1, -2)
 
 
@@ -40,15 +41,15 @@ def remaining(phi: Array, phi_hat: Array) -> Array:
     return attitude.misalignment_from_dcm(turn @ attitude.misalignment_dcm(phi))
 
 
-def reset_maps(x_hat: Array, vel: slice, phi: slice) -> tuple[Function, Function]:
-    """g and its Jacobian for ``Filter.relocate`` after velocity and attitude of x_hat (..., n) went into the INS."""
+def reset_maps(x_hat: Array, phi: slice, fed: slice) -> tuple[Function, Function]:
+    """g and its Jacobian for ``Filter.relocate`` after the states ``phi`` and ``fed`` of x_hat (..., n) went into the INS."""
 
     def like(x: Array) -> Array:
         return x_hat[..., None, :] if x.ndim > x_hat.ndim else x_hat
 
     def g(x: Array) -> Array:
         out = x.copy()
-        out[..., vel] -= like(x)[..., vel]
+        out[..., fed] -= like(x)[..., fed]
         out[..., phi] = remaining(x[..., phi], like(x)[..., phi])
         return out
 

@@ -41,6 +41,16 @@ class EpochMotion(NamedTuple):
     rate_ie: Array  #: (3,) or (..., 3) rad/s
     rate_en: Array  #: (..., 3) rad/s, at mid-epoch
     transport: Array  #: (3, 3) or (..., 3, 3), omega_en = transport @ vel
+    gravity_slope: Array  #: () or (...,) m/s^2 per rad of latitude
+
+
+class Place(NamedTuple):
+    """The earth at a position."""
+
+    rate_ie: Array  #: (..., 3) rad/s
+    transport: Array  #: (..., 3, 3)
+    gravity: Array  #: (..., 3) m/s^2, a vector in n
+    gravity_slope: Array  #: (...,) m/s^2 per rad of latitude
 
 
 def samples_per_interval(n_sub: int) -> int:
@@ -160,16 +170,18 @@ class Strapdown:
     def start(self, nav: NavState) -> StrapdownState:
         return StrapdownState(nav, None)
 
-    def _place(self, pos: Array) -> tuple[Array, Array, Array]:
-        """omega_ie, the transport matrix and gravity (an n vector) at a position."""
+    def _place(self, pos: Array) -> Place:
+        latitude, height = pos[..., 0], pos[..., 2]
         up = np.zeros(pos.shape)
-        up[..., 2] = -earth.gravity(self.model, pos[..., 0], pos[..., 2])
-        return earth.rate_n(self.model, pos[..., 0]), earth.transport_matrix(self.model, pos[..., 0], pos[..., 2]), up
+        up[..., 2] = -earth.gravity(self.model, latitude, height)
+        transport = earth.transport_matrix(self.model, latitude, height)
+        return Place(earth.rate_n(self.model, latitude), transport, up, earth.gravity_slope(self.model, latitude))
 
     def advance(self, state: StrapdownState, dtheta: Array, dvel: Array) -> tuple[StrapdownState, EpochMotion]:
         """The state at the end of the epoch, and what happened on the way."""
         (q_nb, vel, pos), h = state.nav, self.epoch_s
-        rate_ie, transport, gravity = self._site if self.hold_position else self._place(pos)
+        half = pos if self.hold_position else earth.displace(self.model, pos, 0.5 * h * vel)  # where mid-epoch is
+        rate_ie, transport, gravity, slope = self._site if self.hold_position else self._place(half)
         rotation, dvel_b = interval_increments(dtheta, dvel, state.last)
         relative, bodies, steps = chain(rotation, dvel_b)
         moments = np.matmul(self._moments, steps)  # (..., 2, 3): sum, and first moment in time
@@ -184,12 +196,7 @@ class Strapdown:
         new_q = attitude.multiply(attitude.from_rotvec(-h * rate_in), attitude.multiply(q_nb, relative[..., -1, :]))
         new_q = attitude.normalize(new_q)
         middle = 0.5 * (vel + new_vel)
-        new_pos = pos if self.hold_position else self._move(pos, middle)
+        new_pos = pos if self.hold_position else earth.displace(self.model, pos, h * middle, at=half)  # (2.2.37-39)
         mean = np.matmul(self._weights, bodies.reshape(*bodies.shape[:-2], 9)).reshape(C0.shape)
-        motion = EpochMotion(h, np.matmul(C0, mean), force, middle, rate_ie, rate_en, transport)
+        motion = EpochMotion(h, np.matmul(C0, mean), force, middle, rate_ie, rate_en, transport, slope)
         return StrapdownState(NavState(new_q, new_vel, new_pos), carried_sample(dtheta, dvel)), motion
-
-    def _move(self, pos: Array, vel: Array) -> Array:
-        """Position after an epoch at the mean velocity, radii at mid-epoch. (2.2.37-39)."""
-        half = earth.displace(self.model, pos, 0.5 * self.epoch_s * vel)
-        return earth.displace(self.model, pos, self.epoch_s * vel, at=half)

@@ -9,6 +9,7 @@ from sins_env.errors import unknown
 from sins_env.types import Observation, Rng, Task
 from solvers.pipeline import coarse
 from solvers.pipeline.coarse import Coarse
+from solvers.pipeline.integration import refuse_navigation
 
 Array = NDArray[np.float64]
 
@@ -29,6 +30,7 @@ class CoarseAligner:
         self.method = method
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
+        refuse_navigation(task, "a coarse alignment")
         self._task = task
         self._coarse: Coarse | None = None
 

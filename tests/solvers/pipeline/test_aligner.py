@@ -56,7 +56,7 @@ def test_closed_loop_agrees_with_open_loop(solver):
     closed, estimator = run(solver, 16, duration=120.0, settings={"feedback": "closed"})
     assert np.abs(closed[-1, :, 2] - open_loop[-1, :, 2]).max() < 250 * ARCSEC
     assert np.abs(closed[-1, :, :2] - open_loop[-1, :, :2]).max() < 1 * ARCSEC
-    assert np.abs(estimator.filter.estimate(estimator._belief).mean[:, :5]).max() < 1e-12  # the INS has it all
+    assert np.abs(estimator.filter.estimate(estimator.running._belief).mean[:, :5]).max() < 1e-12  # the INS has it all
 
 
 @pytest.mark.parametrize("kwargs", [{}, {"start": "unknown", "coarse": 20.0}, {"imu": "thesis-markov"}])
@@ -155,7 +155,7 @@ def test_the_ins_starts_with_the_velocity_of_the_imu_not_of_the_antenna():
     estimator.reset(env.unwrapped.task, None, 4)
     for _ in range(610):
         obs, _, _, _, info = env.step(estimator.step(obs))
-    apart = estimator._ins.nav.vel - info["truth"]["vel"]
+    apart = estimator.running._ins.nav.vel - info["truth"]["vel"]
     assert np.abs(apart).max() < 0.1  # five metres from the centre the antenna moves at up to 1.5 m/s
 
 
@@ -184,9 +184,9 @@ def test_the_filter_is_told_how_the_fixes_err(gps, law):
 
 
 def test_the_filter_says_whether_the_loop_is_closed():
-    assert solvers.make("kf").feedback == solvers.make("filterpy_kf").feedback == "closed"
-    assert solvers.make("ckf").feedback == "open"
-    assert solvers.make("kf", feedback="open").feedback == "open"
+    assert solvers.make("kf").aligner.feedback == solvers.make("filterpy_kf").aligner.feedback == "closed"
+    assert solvers.make("ckf").aligner.feedback == "open"
+    assert solvers.make("kf", feedback="open").aligner.feedback == "open"
 
 
 def test_a_run_with_a_broken_sensor_fails_alone():
@@ -202,7 +202,7 @@ def test_a_run_with_a_broken_sensor_fails_alone():
 
 def test_vertical_velocity_of_the_ins_stays_with_the_fixes():
     _, estimator = run("ckf", 4, duration=120.0, misalignment_deg=(3.0, -3.0, 20.0))
-    assert np.abs(estimator._ins.nav.vel[:, 2]).max() < 0.2
+    assert np.abs(estimator.running._ins.nav.vel[:, 2]).max() < 0.2
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ from sins_env.specs import ARCSEC, DEG, DEG_PER_H, UG, GpsSpec, ImuSpec, matched
 from sins_env.trajectory import Sway
 from sins_env.types import NavState, Site
 from solvers.pipeline import strapdown as S
-from solvers.pipeline.error_state import ACCEL_UNIT, GYRO_UNIT, AlignmentErrors, first_order_rows
+from solvers.pipeline.epoch_map import ACCEL_UNIT, GYRO_UNIT
+from solvers.pipeline.error_state import AlignmentErrors, first_order_rows
 
 SITE = Site(39.96 * DEG, 116.3 * DEG)
 MODEL = earth.get("wgs84")
@@ -84,7 +85,8 @@ def an_epoch(seed, batch=()):
     transport = earth.transport_matrix(MODEL, SITE.latitude)
     force = np.array([0.3, -0.2, 9.8]) + 0.1 * draw(3)
     rate_en = np.matmul(transport, vel[..., None])[..., 0]
-    return S.EpochMotion(0.1, C, 0.1 * force, vel, earth.rate_n(MODEL, SITE.latitude), rate_en, transport)
+    slope = earth.gravity_slope(MODEL, SITE.latitude)
+    return S.EpochMotion(0.1, C, 0.1 * force, vel, earth.rate_n(MODEL, SITE.latitude), rate_en, transport, slope)
 
 
 def derivative(x, m, body):
@@ -125,7 +127,7 @@ def test_batches_and_points(batch):
     for p in range(5):
         np.testing.assert_allclose(f(points[..., p, :]), whole[..., p, :], rtol=1e-14, atol=1e-15)
     for index in np.ndindex(*batch):
-        one = S.EpochMotion(m.dt, m.C[index], m.dvel_n[index], m.vel[index], m.rate_ie, m.rate_en[index], m.transport)
+        one = m._replace(C=m.C[index], dvel_n=m.dvel_n[index], vel=m.vel[index], rate_en=m.rate_en[index])
         alone = AlignmentErrors().transition(one, np.zeros((10, 10))).f(points[index])
         np.testing.assert_allclose(alone, whole[index], rtol=1e-14, atol=1e-15)
 
@@ -151,7 +153,7 @@ def test_lever_arm_measurement():
     """h(x) is the INS's antenna velocity minus the true one."""
     rng = np.random.default_rng(2)
     a, x = rng.standard_normal(3), 0.3 * rng.standard_normal((5, 10))
-    h = AlignmentErrors().measurement(np.zeros(2), np.eye(2), a).h
+    h = AlignmentErrors().measurement(np.zeros(2), np.eye(2), a[None]).h
     for row, value in zip(x, h(x), strict=True):
         true_arm = attitude.misalignment_dcm(row[2:5]).T @ a
         np.testing.assert_allclose(value, (row[:2] + a[:2] - true_arm[:2]), atol=1e-15)

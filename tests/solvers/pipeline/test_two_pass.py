@@ -141,7 +141,7 @@ def test_the_first_pass_is_the_ckf_and_the_second_leads_to_its_estimate():
     assert np.abs(phi[399:401, :, 2] - reference[399, :, 2]).max() > ARCSEC
     b = estimator._belief
     assert b.health.epoch == 401
-    end = ckf.filter.estimate(ckf._belief).mean
+    end = ckf.filter.estimate(ckf.running._belief).mean
     near = b.nominal[:, PHI] - end[:, PHI]  # an epoch later
     assert np.abs(near).max() < 2 * ARCSEC
     assert np.isfinite(estimator.covariance()).all()
