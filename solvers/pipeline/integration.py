@@ -193,7 +193,9 @@ class Integration(ABC):
 def refuse_navigation(task: Task, what: str) -> None:
     """Raises ValueError for a task that wants more than an attitude."""
     if task.navigate:
-        raise ValueError(f"{what} gives the attitude alone; {task.id} navigates: allowed are the solvers made of a filter")
+        raise ValueError(
+            f"{what} gives the attitude alone; {task.id} navigates: allowed are the solvers made of a filter"
+        )
 
 
 def noise_law(gps: GpsSpec) -> NoiseLaw | None:

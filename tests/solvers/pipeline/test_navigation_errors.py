@@ -65,7 +65,9 @@ def test_the_gradient_of_gravity_counts_after_five_minutes():
     """flight.md, without the term in latitude: 0.017 m/s and 1.3 m after 300 s."""
     predicted, actual = difference((3, 3, 10), (1, 1, 1), (1000, 1000, 1000), 300.0)
     assert np.abs(predicted - actual)[VEL].max() < 1.7e-3
-    assert np.abs(predicted - actual)[POS].max() < 1.3  # measured 0.97 E: second order in a position error of kilometres
+    assert (
+        np.abs(predicted - actual)[POS].max() < 1.3
+    )  # measured 0.97 E: second order in a position error of kilometres
 
 
 def an_epoch(seed, batch=()):
