@@ -14,8 +14,8 @@ Time       observation k covers (t_{k-1}, t_k]; the action is the estimate at t_
 Symbols x P F Q H R K S stand for themselves inside the mathematics. Sources: 000 is Wang Junhou's thesis (2011), the other
 documents are 001-004; equation numbers such as (2.2.17) are the thesis' own, misprints corrected.
 
-Importing this package registers ``SINS/AlignSway-v0``, ``SINS/AlignStatic-v0``, ``SINS/NavFlight-v0`` and ``SINS/Replay-v0``
-with Gymnasium.
+Importing this package registers ``SINS/AlignSway-v0``, ``SINS/AlignStatic-v0``, ``SINS/AlignVehicle-v0``,
+``SINS/NavFlight-v0`` and ``SINS/Replay-v0`` with Gymnasium.
 """
 
 from sins_env.envs import register as _register

@@ -15,6 +15,10 @@ from sins_env.trajectory.base import Motion
 
 Array = NDArray[np.float64]
 Rngs = Sequence[np.random.Generator]
+Fixes = tuple[Array, Array, NDArray[np.int8]]
+
+#: What is told of zero-velocity updates: the base stands still within its disturbances, at a surveyed place.
+ZERO_VELOCITY = GpsSpec(vel_std_mps=0.03, pos_std_m=1.0)
 
 
 def epochs_per_fix(spec: GpsSpec, epoch_s: float) -> int:
@@ -41,6 +45,28 @@ def received(spec: GpsSpec, t: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
     return there
 
 
+def zero_velocity_fixes(there: NDArray[np.bool_], runs: int, pos: Array) -> Fixes:
+    """Zero-velocity updates at a known place, at the epochs where ``there`` (epochs,); as :meth:`Gps.fixes` gives them."""
+    valid = np.broadcast_to(there[:, None], (runs, len(there), 1))
+    return np.zeros((runs, len(there), 3)), valid * pos, valid.astype(np.int8)
+
+
+class ZeroVelocity:
+    """No receiver: a parked base is said to stand still at its site. Its own motion is the error of these updates."""
+
+    def __init__(self, spec: GpsSpec, epoch_s: float, pos: Array) -> None:
+        self.spec, self._every, self._pos = spec, epochs_per_fix(spec, epoch_s), pos
+
+    def reset(self, streams: Sequence[Sequence[np.random.Generator]]) -> None:
+        """Nothing is drawn."""
+
+    def fixes(self, motion: Motion, first_epoch: int) -> Fixes:
+        """As :meth:`Gps.fixes`."""
+        runs, epochs = motion.state.vel.shape[:2]
+        there = np.arange(first_epoch + 1, first_epoch + epochs + 1) % self._every == 0
+        return zero_velocity_fixes(there, runs, self._pos)
+
+
 class Gps:
     """A batch of receivers. All draws are made at every epoch, so that a change of rate leaves the errors as they were."""
 
@@ -63,7 +89,7 @@ class Gps:
             end = start + self.spec.jump_s
         self._jump_start, self._jump_end = start, end
 
-    def fixes(self, motion: Motion, first_epoch: int) -> tuple[Array, Array, NDArray[np.int8]]:
+    def fixes(self, motion: Motion, first_epoch: int) -> Fixes:
         """Velocity (runs, epochs, 3), position (runs, epochs, 3), valid (runs, epochs, 1); zeros where there is no fix."""
         runs, epochs = motion.state.vel.shape[:2]
         number = np.arange(first_epoch + 1, first_epoch + epochs + 1)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import gymnasium
 
-ALIGNMENT_IDS = ("SINS/AlignSway-v0", "SINS/AlignStatic-v0", "SINS/Replay-v0")
+ALIGNMENT_IDS = ("SINS/AlignSway-v0", "SINS/AlignStatic-v0", "SINS/AlignVehicle-v0", "SINS/Replay-v0")
 NAVIGATION_IDS = ("SINS/NavFlight-v0",)
 
 _ENTRY_POINTS = {
     "SINS/AlignSway-v0": "sins_env.envs.align:AlignSway",
     "SINS/AlignStatic-v0": "sins_env.envs.align:AlignStatic",
+    "SINS/AlignVehicle-v0": "sins_env.envs.vehicle:AlignVehicle",
     "SINS/NavFlight-v0": "sins_env.envs.flight:NavFlight",
     "SINS/Replay-v0": "sins_env.envs.replay:Replay",
 }

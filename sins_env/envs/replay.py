@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env import checks, earth, recordings
+from sins_env import earth, recordings
 from sins_env.envs.base import EpisodeEnv, EpisodeVectorEnv
 from sins_env.envs.replay_settings import ReplaySettings
 from sins_env.envs.windows import Windows
-from sins_env.envs.world import ChunkedWorld, World, told_start
-from sins_env.errors import build, unknown
-from sins_env.gps import epochs_per_fix, received
+from sins_env.envs.world import ChunkedWorld, World, pick_rows, picked, told_start
+from sins_env.errors import build
+from sins_env.gps import Fixes, epochs_per_fix, received, zero_velocity_fixes
 from sins_env.imu import standard_normal
 from sins_env.specs import COARSE_STD_DEG, PRIORS, TOLD_START_STD_DEG, imu_spec
 from sins_env.types import NavState, Task
@@ -77,11 +77,9 @@ class ReplayWorld(ChunkedWorld):
         )
 
     def reset(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> tuple[NavState, NavState | None]:
-        for key in options:
-            if key != "window":
-                raise unknown("reset option", key, ("window",))
+        given, windows = picked(options, "window"), self.windows.first_samples
         streams = [rng.spawn(2) for rng in rngs]  # window, start
-        self._first_samples = self.windows.first_samples[self._pick(options.get("window"), [s[0] for s in streams])]
+        self._first_samples = windows[pick_rows("window", given, len(windows), [s[0] for s in streams])]
         self._rewind()
         truth = NavState(*(part[:, 0] for part in self._truth(self._times(0, 1))))
         if self.settings.start == "unknown":
@@ -92,21 +90,6 @@ class ReplayWorld(ChunkedWorld):
             model = earth.get(self.task.site.earth)
             pos = earth.displace(model, pos, self.task.prior.position_std_m * draws[:, 6:])
         return truth, told_start(self.task, self.settings.misalignment_deg, truth, draws[:, :6], pos)
-
-    def _pick(self, given: Any, rngs: Sequence[np.random.Generator]) -> NDArray[np.int64]:
-        count = len(self.windows.first_samples)
-        if given is None:
-            return np.array([rng.integers(count) for rng in rngs])
-        rows = checks.items(given)
-        values = [given] if rows is None else rows
-        whole = all(isinstance(v, (int, np.integer)) and not isinstance(v, bool) for v in values)
-        if not whole or (rows is not None and len(rows) != len(rngs)):
-            raise checks.refused("window", given, f"one whole number, or a list of {len(rngs)}")
-        index = np.array(values) if rows is not None else int(given) + np.arange(len(rngs))
-        if index.min() < 0 or index.max() >= count:
-            bad = int(index[(index < 0) | (index >= count)][0])
-            raise ValueError(f"window {bad} does not exist; allowed: 0 to {count - 1}, for {len(rngs)} runs one each")
-        return index
 
     def _times(self, first: int, count: int) -> Array:
         """Ends of epochs first ... first + count - 1 on the clock of the recording, (runs, count)."""
@@ -120,14 +103,13 @@ class ReplayWorld(ChunkedWorld):
         times = self._times(first + 1, count)
         return (*increments, *self._fixes(times, np.arange(first + 1, first + count + 1))), self._truth(times)
 
-    def _fixes(self, times: Array, number: NDArray[np.int64]) -> tuple[Array, Array, NDArray[np.int8]]:
-        gnss, there = self.recording.gnss, received(self.gps, number * self.task.epoch_s)[:, None]
+    def _fixes(self, times: Array, number: NDArray[np.int64]) -> Fixes:
+        gnss, there = self.recording.gnss, received(self.gps, number * self.task.epoch_s)
         if gnss is None:
-            valid = np.broadcast_to(there & (number % self._every == 0)[:, None], (*times.shape, 1))
-            return np.zeros((*times.shape, 3)), valid * self.task.site.pos, valid.astype(np.int8)
+            return zero_velocity_fixes(there & (number % self._every == 0), len(times), self.task.site.pos)
         half = self.windows.half_sample
         i = np.minimum(np.searchsorted(gnss.t_s, times - half), len(gnss.t_s) - 1)
-        valid = (np.abs(gnss.t_s[i] - times) <= half)[..., None] & there
+        valid = (np.abs(gnss.t_s[i] - times) <= half)[..., None] & there[:, None]
         assert gnss.vel is not None
         return gnss.vel[i] * valid, gnss.pos[i] * valid, valid.astype(np.int8)
 

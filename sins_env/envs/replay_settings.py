@@ -12,14 +12,13 @@ import numpy as np
 
 from sins_env import checks
 from sins_env.envs.settings import STARTS, check_coarse, check_epoch, check_misalignment
+from sins_env.gps import ZERO_VELOCITY
 from sins_env.recordings import Recording
 from sins_env.specs import GPS_PRESETS, PRIORS, GpsSpec, gps_spec
 
 MODES = ("align", "navigate")
 #: Default of ``coarse``, s: cars stand longer where aligning is all they are there for.
 COARSE_S = {"align": 90.0, "navigate": 60.0}
-#: A parked base is known to stand still within its disturbances, at a surveyed place.
-ZERO_VELOCITY = GpsSpec(vel_std_mps=0.03, pos_std_m=1.0)
 
 
 @dataclass(frozen=True)

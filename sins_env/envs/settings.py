@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sins_env import checks, earth
 from sins_env.errors import build
@@ -13,6 +16,7 @@ from sins_env.gps import epochs_per_fix
 from sins_env.specs import (
     ANY_HEADING_STD_DEG,
     COARSE_STD_DEG,
+    DEG,
     PRIORS,
     TOLD_START_STD_DEG,
     GpsSpec,
@@ -45,17 +49,22 @@ class Timed:
 
 
 @dataclass(frozen=True)
-class AlignSettings(Timed):
-    """Settings of ``SINS/AlignSway-v0`` and ``SINS/AlignStatic-v0``; JSON-able values only.
+class SimulationSettings(Timed):
+    """What the simulated bases share; JSON-able values only.
 
-    ``duration`` s includes ``coarse`` s. None: coarse is 120 s for an unknown start and 0 for a told one, the fine
-    phase lasts 360 s. ``imu``, ``gps``: a preset's name or a dict of fields. ``misalignment_deg``: three fixed values,
+    ``duration`` s includes ``coarse`` s. None: coarse is COARSE_S for an unknown start and 0 for a told one, the fine
+    phase lasts FINE_S. ``imu``, ``gps``: a preset's name or a dict of fields. ``misalignment_deg``: three fixed values,
     or None for a draw from the prior. ``any_heading`` draws the told heading over the circle, and tells so.
-    ``heading_deg`` None draws the mean heading over the circle per run.
+    ``heading_deg`` None draws the mean heading over the circle per run; a list of headings makes as many records, of which
+    ``reset(options={"record": i})`` picks one (without it each run's seed draws one; in the vector environment a list with
+    one index per row, or the index of the first row).
 
     Raises:
         ValueError: any value out of its range, or values that do not fit together.
     """
+
+    COARSE_S: ClassVar[float] = 120.0
+    FINE_S: ClassVar[float] = 360.0
 
     duration: float | None = None
     epoch: float = 0.1
@@ -68,27 +77,22 @@ class AlignSettings(Timed):
     any_heading: bool = False
     prior: str = "matched"
     latitude_deg: float = 39.96
-    heading_deg: float | None = 30.0
-    vibration: bool = False
-    motion: str = "thesis"
+    heading_deg: Any = 30.0
     earth: str = "wgs84"
 
     def __post_init__(self) -> None:
         checks.choice("start", self.start, STARTS)
         checks.choice("prior", self.prior, PRIORS)
-        checks.choice("motion", self.motion, MOTIONS)
         checks.choice("earth model", self.earth, earth.EARTHS)
         set_ = object.__setattr__
         set_(self, "epoch", check_epoch(self.epoch))
         set_(self, "n_sub", check_samples(self.n_sub))
-        set_(self, "coarse", check_coarse(self.coarse, self.start, 120.0))
-        duration = 360.0 + self.coarse_s if self.duration is None else checks.number("duration", self.duration)
+        set_(self, "coarse", check_coarse(self.coarse, self.start, self.COARSE_S))
+        duration = self.FINE_S + self.coarse_s if self.duration is None else checks.number("duration", self.duration)
         set_(self, "duration", duration)
         check_timing(self.epoch, self.duration_s, self.coarse_s)
         earth.check_latitude(math.radians(checks.number("latitude_deg", self.latitude_deg, "-89.9 to 89.9")))
-        if self.heading_deg is not None:
-            checks.number("heading_deg", self.heading_deg, "a finite angle in degrees, or None")
-        checks.flag("vibration", self.vibration)
+        set_(self, "heading_deg", check_heading(self.heading_deg))
         set_(self, "misalignment_deg", check_misalignment(self.misalignment_deg, self.start))
         checks.flag("any_heading", self.any_heading)
         if self.any_heading and (self.start != "told" or self.misalignment_deg is not None):
@@ -100,8 +104,19 @@ class AlignSettings(Timed):
         _ = self.imu_true
 
     @classmethod
-    def of(cls, settings: Mapping[str, Any]) -> AlignSettings:
+    def of(cls, settings: Mapping[str, Any]) -> Self:
         return build(cls, settings, "the environment")
+
+    @property
+    def records(self) -> int:
+        """How many there are; 0: runs are drawn."""
+        return len(self.heading_deg) if isinstance(self.heading_deg, tuple) else 0
+
+    def headings(self, records: NDArray[np.int64] | None, runs: int) -> NDArray[np.float64] | None:
+        """The mean heading of the runs that play these records, rad (runs,); None: to be drawn."""
+        if self.heading_deg is None:
+            return None
+        return np.broadcast_to(DEG * np.asarray(self.heading_deg)[... if records is None else records], (runs,))
 
     @property
     def imu_true(self) -> ImuSpec:
@@ -128,6 +143,29 @@ class AlignSettings(Timed):
             gps=self.gps_true.told(prior.gps_vel_std_mps if self.prior == "thesis" else None),
             prior=prior,
         )
+
+
+@dataclass(frozen=True)
+class AlignSettings(SimulationSettings):
+    """Settings of ``SINS/AlignSway-v0`` and ``SINS/AlignStatic-v0``: those of every simulation, and these two."""
+
+    vibration: bool = False
+    motion: str = "thesis"
+
+    def __post_init__(self) -> None:
+        checks.choice("motion", self.motion, MOTIONS)
+        checks.flag("vibration", self.vibration)
+        super().__post_init__()
+
+
+def check_heading(given: Any) -> float | tuple[float, ...] | None:
+    """Degrees, degrees by record, or None."""
+    allowed = "a finite angle in degrees, a list of them, or None"
+    if given is None:
+        return None
+    if checks.items(given) is not None:
+        return checks.numbers("heading_deg", given, None, allowed)
+    return checks.number("heading_deg", given, allowed)
 
 
 def check_epoch(given: Any) -> float:

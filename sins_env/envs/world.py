@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from sins_env import attitude, earth
-from sins_env.envs.settings import AlignSettings
+from sins_env import attitude, checks, earth
+from sins_env.envs.settings import AlignSettings, SimulationSettings
 from sins_env.envs.spaces import clip_fix
-from sins_env.gps import Gps
+from sins_env.errors import unknown
+from sins_env.gps import Gps, ZeroVelocity
 from sins_env.imu import Imu, standard_normal
 from sins_env.specs import DEG
 from sins_env.trajectory import STILL, THESIS, Sway, Trajectory
@@ -87,21 +88,57 @@ def told_start(
     return NavState(computed, vel, np.broadcast_to(pos, vel.shape).copy())
 
 
+def picked(options: dict[str, Any], name: str) -> Any:
+    """The value of the only reset option there is; None where it is not given.
+
+    Raises:
+        ValueError: another option.
+    """
+    for key in options:
+        if key != name:
+            raise unknown("reset option", key, (name,))
+    return options.get(name)
+
+
+def pick_rows(name: str, given: Any, count: int, rngs: Sequence[np.random.Generator]) -> NDArray[np.int64]:
+    """Which of ``count`` windows or records each run gets: drawn, as a list says, or one after the other from an index on.
+
+    Raises:
+        ValueError: not one index, nor a list with one for each run; an index that does not exist.
+    """
+    if given is None:
+        return np.array([rng.integers(count) for rng in rngs])
+    rows = checks.items(given)
+    values = [given] if rows is None else rows
+    whole = all(isinstance(v, (int, np.integer)) and not isinstance(v, bool) for v in values)
+    if not whole or (rows is not None and len(rows) != len(rngs)):
+        raise checks.refused(name, given, f"one whole number, or a list of {len(rngs)}")
+    index = np.array(values) if rows is not None else int(given) + np.arange(len(rngs))
+    if index.min() < 0 or index.max() >= count:
+        bad = int(index[(index < 0) | (index >= count)][0])
+        raise ValueError(f"{name} {bad} does not exist; allowed: 0 to {count - 1}, for {len(rngs)} runs one each")
+    return index
+
+
 class SimulatedWorld(ChunkedWorld):
     """An exact motion, and the errors of the sensors on it."""
 
     scored = True
     trajectory: Trajectory
     imu: Imu
-    gps: Gps
+    gps: Gps | ZeroVelocity
 
     def reset(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> tuple[NavState, NavState | None]:
         streams = [rng.spawn(11) for rng in rngs]  # start, motion, 6 IMU, 3 GPS: one stream each, in this order
-        truth = self.trajectory.reset([s[1] for s in streams])
+        truth = self._begin([s[1] for s in streams], options)
         self.imu.reset([s[2:8] for s in streams])
         self.gps.reset([s[8:11] for s in streams])
         self._rewind()
         return truth, self._told(truth, standard_normal([s[0] for s in streams], (9,)))
+
+    def _begin(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> NavState:
+        """Draw the motions; the true states at t = 0."""
+        return self.trajectory.reset(rngs)
 
     @abstractmethod
     def _told(self, truth: NavState, draws: Array) -> NavState | None:
@@ -114,23 +151,23 @@ class SimulatedWorld(ChunkedWorld):
         return (*self.imu.measure(motion.dtheta, motion.dvel), *fixes), motion.state
 
 
-class SwayWorld(SimulatedWorld):
-    """A simulated base that sways, or stands still, with the sensors and the start of the settings."""
+class BaseWorld(SimulatedWorld):
+    """A simulated base at its site, with the sensors and the start of the settings. With records each run is one of them."""
 
-    def __init__(self, env_id: str, settings: AlignSettings, still: bool) -> None:
-        self.settings, self.task = settings, settings.task(env_id)
-        task = self.task
-        self.trajectory: Sway = Sway(
-            task.site,
-            task.epoch_s,
-            task.n_sub,
-            STILL if still else THESIS,
-            settings.heading_deg,
-            settings.vibration,
-            settings.motion == "random",
-        )
-        self.imu = Imu(settings.imu_true, task.epoch_s / task.n_sub)
-        self.gps = Gps(settings.gps_true, task.epoch_s, task.duration_s, earth.get(task.site.earth))
+    settings: SimulationSettings
+
+    def __init__(self, env_id: str, settings: SimulationSettings) -> None:
+        self.task = settings.task(env_id)
+        self.imu = Imu(settings.imu_true, self.task.epoch_s / self.task.n_sub)
+
+    def _records(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> NDArray[np.int64] | None:
+        """Which record each run plays; None where there are none."""
+        given, count = picked(options, "record"), self.settings.records
+        if count:
+            return pick_rows("record", given, count, [rng.spawn(1)[0] for rng in rngs])
+        if given is not None:
+            raise checks.refused("record", given, "where heading_deg is a list, one of each record")
+        return None
 
     def _told(self, truth: NavState, draws: Array) -> NavState | None:
         settings = self.settings
@@ -138,3 +175,26 @@ class SwayWorld(SimulatedWorld):
             return None
         misalignment, pos = settings.misalignment_deg, self.task.site.pos
         return told_start(self.task, misalignment, truth, draws[:, :6], pos, settings.any_heading)
+
+
+class SwayWorld(BaseWorld):
+    """A base that sways, or stands still."""
+
+    gps: Gps
+
+    def __init__(self, env_id: str, settings: AlignSettings, still: bool) -> None:
+        super().__init__(env_id, settings)
+        self.settings: AlignSettings = settings
+        task = self.task
+        self.trajectory: Sway = Sway(
+            task.site,
+            task.epoch_s,
+            task.n_sub,
+            STILL if still else THESIS,
+            vibration=settings.vibration,
+            random=settings.motion == "random",
+        )
+        self.gps = Gps(settings.gps_true, task.epoch_s, task.duration_s, earth.get(task.site.earth))
+
+    def _begin(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> NavState:
+        return self.trajectory.reset(rngs, self.settings.headings(self._records(rngs, options), len(rngs)))

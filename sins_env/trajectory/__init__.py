@@ -5,6 +5,7 @@ from sins_env.trajectory.flight import Flight
 from sins_env.trajectory.plan import FlightPlan
 from sins_env.trajectory.segments import MANOEUVRES, Segment
 from sins_env.trajectory.sway import STILL, THESIS, Oscillation, Sway, SwayMotion
+from sins_env.trajectory.vehicle import Vehicle
 
 __all__ = [
     "MANOEUVRES",
@@ -18,4 +19,5 @@ __all__ = [
     "Sway",
     "SwayMotion",
     "Trajectory",
+    "Vehicle",
 ]

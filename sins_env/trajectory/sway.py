@@ -96,11 +96,12 @@ class Sway:
         self._transport = earth.transport_matrix(model, site.latitude, site.height)
         self._nodes, self._weights = np.polynomial.legendre.leggauss(_node_count(0.5 * epoch_s / n_sub, vibration))
 
-    def reset(self, rngs: Sequence[np.random.Generator]) -> NavState:
+    def reset(self, rngs: Sequence[np.random.Generator], heading: Array | None = None) -> NavState:
+        """One motion per generator; ``heading`` (runs,) rad: the mean of each, instead of ``heading_deg``."""
         draws = np.stack([rng.random(22) for rng in rngs])  # one layout whatever the options: streams stay comparable
         runs = len(rngs)
         mean = 2 * np.pi * draws[:, 0] if self.heading_deg is None else np.full(runs, self.heading_deg * DEG)
-        self._heading = mean
+        self._heading = mean if heading is None else heading
         turns = (self.motion.heading, self.motion.pitch, self.motion.roll)
         amplitude = np.array([o.amplitude for o in turns])
         omega = 2 * np.pi / np.array([o.period_s for o in turns])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from numpy.testing import assert_allclose, assert_array_equal
-from oracles.courses import IDENTITY, ONE_SECOND_UNKNOWN, STATIC, actions_of, leaves, make, play, vector
+from oracles.courses import IDENTITY, ONE_SECOND_UNKNOWN, STATIC, VEHICLE, actions_of, leaves, make, play, vector
 
 
 def assert_row_equals(course, row, single):
@@ -36,6 +36,8 @@ VARIANTS = {
     },
     "unknown": {"start": "unknown", "coarse": 0.5, "imu": "navigation", "heading_deg": None},
     "static": {"env_id": STATIC, "latitude_deg": -60.0, "earth": "thesis"},
+    "headings": {"heading_deg": [0.0, 45.0, 90.0]},
+    "vehicle": {"env_id": VEHICLE, "coarse": 0.5, "events": "mixed", "event_rate_per_min": 60.0, "gps": "dgps"},
     "any heading": {"any_heading": True, "prior": "thesis"},
     "fixed": {"misalignment_deg": [1, 1, 10], "imu": "perfect", "gps": "perfect"},
 }

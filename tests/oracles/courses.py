@@ -5,7 +5,7 @@ import numpy as np
 
 import sins_env  # noqa: F401  registers the ids
 
-SWAY, STATIC = "SINS/AlignSway-v0", "SINS/AlignStatic-v0"
+SWAY, STATIC, VEHICLE = "SINS/AlignSway-v0", "SINS/AlignStatic-v0", "SINS/AlignVehicle-v0"
 SHORT = {"duration": 2.5}  # more than two chunks of ten epochs
 ONE_SECOND_UNKNOWN = {"start": "unknown", "coarse": 0.5, "duration": 1.0}
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])

@@ -1,0 +1,152 @@
+"""Damped second-order modes under inputs that begin, last and settle: their response in closed form.
+
+A mode obeys q'' + 2 zeta w q' + w^2 q = w^2 u(t), with u in units of the deflection at which the load would settle. An input
+is a finite sum of exponentials while it lasts, and constant from then on:
+
+    u(t) = a Re sum_k c_k exp(i v_k (t - t0))    t0 <= t < t0 + T          a s    t >= t0 + T
+
+A smooth step (a raised cosine, c = 1/2, -1/2, v = 0, pi/T, s = 1), a smooth blow (v = 2 pi/T, s = 0) and a sinusoid that
+grows and decays (Hann's window is three exponentials) are all of this kind, with u and u' continuous; so q, q', q'' and
+q''' are continuous, too. While the input lasts q = Re(sum_k a c_k H(i v_k) exp(i v_k t) + h exp(L t)), from then on
+q = a s + Re(h' exp(L t)), with H(p) = w^2 / (p^2 + 2 zeta w p + w^2) and L = -zeta w + i w sqrt(1 - zeta^2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+SPAN_S = 4.0  #: of times that share one table of exp(L t)
+
+
+class Shape(NamedTuple):
+    """u of an input of unit size."""
+
+    weight: tuple[complex, complex, complex]  #: c_k
+    turn: tuple[float, float, float]  #: v_k in rad/s
+    settled: float  #: s
+
+
+def step(length: float) -> Shape:
+    """From 0 to 1 within ``length`` s, along a raised cosine."""
+    return Shape((0.5, -0.5, 0.0), (0.0, np.pi / length, 0.0), 1.0)
+
+
+def blow(length: float) -> Shape:
+    """From 0 to 1 and back within ``length`` s; its integral is half the length."""
+    return Shape((0.5, -0.5, 0.0), (0.0, 2 * np.pi / length, 0.0), 0.0)
+
+
+def burst(length: float, hz: float) -> Shape:
+    """sin(2 pi hz t) under Hann's window."""
+    v, slow = 2 * np.pi * hz, 2 * np.pi / length
+    return Shape((-0.5j, 0.25j, 0.25j), (v, v + slow, v - slow), 0.0)
+
+
+class Input(NamedTuple):
+    """One input to all modes."""
+
+    begin: float  #: s
+    length: float  #: s
+    shape: Shape
+    size: Array  #: (modes,) a
+
+
+class Modes:
+    """The responses of a batch of like oscillators, each to its own inputs.
+
+    Args:
+        hz: undamped frequencies, (modes,).
+        damping: zeta of each, below 1.
+    """
+
+    def __init__(self, hz: Sequence[float], damping: Sequence[float]) -> None:
+        self.omega, self.damping = 2 * np.pi * np.asarray(hz, dtype=float), np.asarray(damping, dtype=float)
+        self._decay, self._swing = self.damping * self.omega, self.omega * np.sqrt(1 - self.damping**2)
+        self.root = -self._decay + 1j * self._swing  #: L, (modes,)
+
+    def drive(self, inputs: Sequence[Sequence[Input]]) -> None:
+        """Begin anew, at rest: the inputs of each oscillator of the batch."""
+        flat = [one for row in inputs for one in row]
+        self._rows = len(inputs)
+        self._row = np.repeat(np.arange(len(inputs)), [len(row) for row in inputs])
+        self._begin, self._length = (np.array([one[i] for one in flat], dtype=float) for i in (0, 1))
+        self._end = self._begin + self._length
+        weight, turn, settled = (np.array([one.shape[i] for one in flat]) for i in range(3))
+        size = np.array([one.size for one in flat]).reshape(-1, len(self.omega))
+        self._turn = 1j * turn.reshape(-1, 3)
+        self._settled = settled.reshape(-1, 1) * size
+        p = self._turn[..., None]
+        H = self.omega**2 / (p**2 + 2 * self._decay * p + self.omega**2)
+        driven = weight.reshape(-1, 3, 1) * H * size[:, None]  # (inputs, k, modes)
+        self._driven = _powers(p, driven)  # (inputs, k, derivatives, modes)
+        self._first = self._free(-driven.real.sum(axis=1), -(p * driven).real.sum(axis=1))
+        swung = driven * np.exp(p * self._length[:, None, None])
+        last = self._first * np.exp(self.root * self._length[:, None])
+        q = (swung.sum(axis=1) + last).real - self._settled
+        self._last = self._free(q, ((p * swung).sum(axis=1) + self.root * last).real)
+
+    def _free(self, q: Array, rate: Array) -> Complex:
+        """h of the free oscillation with this deflection and rate at time 0: Re h = q, Re(L h) = q'."""
+        return q - 1j * (rate + self._decay * q) / self._swing
+
+    def response(self, t: Array, rows: slice = slice(None)) -> Array:
+        """Deflection, rate and acceleration of these rows at ascending times t: (rows, len(t), 3, modes)."""
+        spans = np.split(t, np.flatnonzero(np.diff(t // SPAN_S)) + 1)
+        return np.concatenate([self._span(span, rows) for span in spans], axis=1)
+
+    def _span(self, t: Array, rows: slice) -> Array:
+        begin, end, _ = rows.indices(self._rows)
+        here = (self._row >= begin) & (self._row < end)
+        past, now = here & (self._end <= t[0]), here & (self._end > t[0]) & (self._begin < t[-1])
+        settled, free = (
+            np.zeros((end - begin, len(self.omega))),
+            np.zeros((end - begin, len(self.omega)), dtype=complex),
+        )
+        # one input after the other: the bits of a row do not depend on its neighbours
+        np.add.at(settled, self._row[past] - begin, self._settled[past])
+        np.add.at(free, self._row[past] - begin, self._since(self._last, self._end, past, t[0]))
+        swing = _powers(self.root, np.exp(self.root * (t - t[0])[:, None]))  # (times, derivatives, modes)
+        out = _real(free[:, None, None], swing)
+        out[:, :, 0] += settled[:, None]
+        if now.any():
+            np.add.at(out, self._row[now] - begin, self._under_way(now, t, swing))
+        return out
+
+    def _since(self, h: Complex, at: Array, which: NDArray[np.bool_], t: float) -> Complex:
+        """Free oscillations h of the time ``at``, at time t: (inputs, modes)."""
+        moved: Complex = h[which] * np.exp(self.root * (t - at[which])[:, None])
+        return moved
+
+    def _under_way(self, which: NDArray[np.bool_], t: Array, swing: Complex) -> Array:
+        """The responses to inputs that last at some of the times, (inputs, len(t), 3, modes)."""
+        since = t - self._begin[which, None]
+        over = since >= self._length[which, None]
+        lasts = (since >= 0) & ~over
+        first, last = (
+            self._since(h, at, which, t[0])[:, None, None]
+            for h, at in ((self._first, self._begin), (self._last, self._end))
+        )
+        out = _real(np.where(over[..., None, None], last, first * lasts[..., None, None]), swing)
+        one, when = np.nonzero(lasts)
+        turned = np.exp(self._turn[which][one] * since[one, when, None])[..., None, None]
+        out[one, when] += _real(turned, self._driven[which][one]).sum(axis=1)
+        out[:, :, 0] += self._settled[which, None] * over[..., None]
+        return out
+
+
+def _powers(p: Complex, x: Complex) -> Complex:
+    """x, p x, p^2 x on a new axis before the last: the derivatives of x exp(p t) at t = 0."""
+    return np.stack([x, p * x, p * p * x], axis=-2)
+
+
+def _real(x: Complex, y: Complex) -> Array:
+    """Re(x y), in half the work."""
+    out: Array = x.real * y.real - x.imag * y.imag
+    return out

@@ -1,0 +1,159 @@
+"""A parked car on its suspension, disturbed by people: attitude, velocity and position of an IMU away from its axes.
+
+The car is a rigid body in five modes (:mod:`sins_env.trajectory.car` has the figures, measured on the recording), each
+answering its inputs in closed form (:mod:`sins_env.trajectory.suspension`). With C(t) the attitude, d(t) sideways and
+heave motion of the reference point and r the IMU's lever arm, all in the axes of the mean heading,
+
+    p = d + C r        V = d' + C (w x r)        f^b = C'(d'' + 2 w_ie x V + g) + w' x r + w x (w x r)
+
+so a tilt and the velocity it gives the IMU belong together. Increments are integrals of the analytic w_ib^b and f^b by
+Gauss and Legendre, exact to 1e-9 of them. Coriolis with the base's own transport rate (2e-10 m/s^2) is left out, as in sway.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import attitude, earth
+from sins_env.specs import DEG
+from sins_env.trajectory import car
+from sins_env.trajectory.base import Motion
+from sins_env.trajectory.car import Event
+from sins_env.trajectory.suspension import Input, Modes
+from sins_env.types import NavState, Site
+
+Array = NDArray[np.float64]
+
+_NODES = 2  #: of a sample of 10 ms, or of each 10 ms of a longer one; see the tests for what is left
+_BLOCK = 20_000  #: instants of all runs that exist at once
+PARKED_STD = 0.5 * DEG  #: of pitch and roll of the place
+
+
+class Vehicle:
+    """A batch of parked cars.
+
+    Args:
+        rate_per_min: of the events of a scene, Poisson in time.
+    """
+
+    def __init__(self, site: Site, epoch_s: float, n_sub: int, duration_s: float, rate_per_min: float) -> None:
+        self.site, self.epoch_s, self.n_sub = site, epoch_s, n_sub
+        self.duration_s, self.rate_per_min = duration_s, rate_per_min
+        self._earth = model = earth.get(site.earth)
+        self._gravity = np.array([0.0, 0.0, float(earth.gravity(model, site.latitude, site.height))])
+        self._rate_ie = earth.rate_n(model, site.latitude)
+        self._transport = earth.transport_matrix(model, site.latitude, site.height)
+        self._lever = np.array(car.LEVER_M)
+        self._modes = Modes(car.HZ, car.DAMPING)
+        parts = max(1, round(epoch_s / n_sub / 0.01))  # longer samples than those of the recording are split
+        nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+        self._nodes = ((np.arange(parts)[:, None] + 0.5 + 0.5 * nodes) / parts).ravel() * epoch_s / n_sub
+        self._weights = np.tile(0.5 * weights / parts, parts) * epoch_s / n_sub
+
+    def reset(
+        self,
+        rngs: Sequence[np.random.Generator],
+        heading: Array | None = None,
+        events: Sequence[str | Sequence[Event]] = (),
+    ) -> NavState:
+        """Park one car per generator.
+
+        Args:
+            heading: mean heading of each run, rad, (runs,); None: drawn over the circle.
+            events: of each run a scene's name, or a script; none: nothing happens.
+        """
+        draws = np.stack([np.append(rng.random(), rng.standard_normal(2)) for rng in rngs])
+        heading = 2 * np.pi * draws[:, 0] if heading is None else heading
+        self._parked = PARKED_STD * draws[:, 1:]  # pitch and roll
+        c, s = np.cos(heading), np.sin(heading)
+        zero, one = np.zeros_like(c), np.ones_like(c)
+        #: n into the axes of the mean heading
+        self._turn = np.stack([c, -s, zero, s, c, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
+        self._spin = self._turn @ self._rate_ie
+        self._carry = self._turn @ self._transport @ self._turn.mT
+        self._heading = heading
+        self._modes.drive([self._inputs(*one) for one in zip(events or ["quiet"] * len(rngs), rngs, strict=True)])
+        state, _ = self._states(np.zeros(1))
+        return NavState(*(part[:, 0] for part in state))
+
+    def _inputs(self, events: str | Sequence[Event], rng: np.random.Generator) -> list[Input]:
+        if isinstance(events, str):
+            return car.draw(events, self.rate_per_min, self.duration_s, rng)
+        return car.scripted(events, rng)
+
+    def chunk(self, first_epoch: int, num_epochs: int) -> Motion:
+        samples = np.arange(first_epoch * self.n_sub, (first_epoch + num_epochs) * self.n_sub)
+        t = (samples[:, None] * (self.epoch_s / self.n_sub) + self._nodes).ravel()
+        runs = len(self._heading)
+        increments = np.empty((2, runs, len(samples), 3))
+        size = max(1, _BLOCK // len(t))
+        for begin in range(0, runs, size):
+            rows = slice(begin, min(begin + size, runs))
+            both = self._rate_and_force(self._instants(t, rows), rows)
+            both = both.reshape(*both.shape[:2], len(samples), -1, 3)
+            increments[:, rows] = np.matmul(self._weights, both)
+        ends = np.arange(first_epoch + 1, first_epoch + num_epochs + 1, dtype=np.float64) * self.epoch_s
+        dtheta, dvel = increments.reshape(2, runs, num_epochs, self.n_sub, 3)
+        return Motion(dtheta, dvel, *self._states(ends))
+
+    def _instants(self, t: Array, rows: slice = slice(None)) -> _Instants:
+        q = self._modes.response(t, rows)
+        angles = q[..., :3]  # (rows, times, derivatives, heading pitch roll)
+        angles[..., 2] += q[..., 3]
+        angles[:, :, 0, 1:] += self._parked[rows, None]
+        shift = np.stack([-car.UPPER_AXIS_M * q[..., 3], np.zeros(q.shape[:-1]), q[..., 4]], axis=-1)
+        C = attitude.to_dcm(attitude.from_euler(*np.moveaxis(angles[:, :, 0], -1, 0)))
+        rate = attitude.body_rate(angles[:, :, 0], angles[:, :, 1])
+        swung = np.cross(rate, self._lever)
+        vel = shift[:, :, 1] + np.matmul(C, swung[..., None])[..., 0]
+        return _Instants(angles, shift, C, rate, swung, vel)
+
+    def _rate_and_force(self, at: _Instants, rows: slice) -> Array:
+        """omega_ib^b and f^b, (2, rows, times, 3)."""
+        spin, carry = self._spin[rows, None], self._carry[rows]
+        rate_in = spin + np.matmul(at.vel, carry.mT)
+        force = at.shift[:, :, 2] + np.cross(2 * spin, at.vel) + self._gravity
+        out = np.matmul(np.stack([rate_in, force])[..., None, :], at.C)[..., 0, :]
+        out[0] += at.rate
+        out[1] += np.cross(_body_acceleration(at.angles), self._lever) + np.cross(at.rate, at.swung)
+        return out
+
+    def _states(self, t: Array) -> tuple[NavState, Array]:
+        """True states (runs, len(t), ...) and omega_eb^b."""
+        at = self._instants(t)
+        rest = attitude.to_dcm(attitude.from_euler(np.zeros(len(self._parked)), *self._parked.T)) @ self._lever
+        offset = at.shift[:, :, 0] + np.matmul(at.C, self._lever) - rest[:, None]
+        heading, pitch, roll = np.moveaxis(at.angles[:, :, 0], -1, 0)
+        vel, offset = np.matmul(at.vel, self._turn), np.matmul(offset, self._turn)
+        rate_en = np.matmul(at.vel, self._carry.mT)
+        rate_eb_b = at.rate + np.matmul(rate_en[..., None, :], at.C)[..., 0, :]
+        q_nb = attitude.from_euler(self._heading[:, None] + heading, pitch, roll)
+        return NavState(q_nb, vel, earth.displace(self._earth, self.site.pos, offset)), rate_eb_b
+
+
+class _Instants(NamedTuple):
+    """The motion in the axes of the mean heading; (rows, times, ...)."""
+
+    angles: Array  #: (..., 3, 3) heading about its mean, pitch, roll; and their rates and accelerations
+    shift: Array  #: (..., 3, 3) m, of the reference point, and its derivatives
+    C: Array  #: (..., 3, 3) body into these axes
+    rate: Array  #: (..., 3) omega_nb^b
+    swung: Array  #: (..., 3) omega_nb^b x lever arm
+    vel: Array  #: (..., 3) of the IMU
+
+
+def _body_acceleration(angles: Array) -> Array:
+    """The derivative of attitude.body_rate: (..., 3) of (..., 3, 3), angles with their rates and accelerations."""
+    value, rates, accelerations = (angles[..., i, :] for i in range(3))
+    dh, dp, dr = np.moveaxis(rates, -1, 0)
+    _, pitch, roll = np.moveaxis(value, -1, 0)
+    cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+    out = attitude.body_rate(value, accelerations)
+    out[..., 0] += -dp * dr * sr + dh * (dr * cr * cp - dp * sr * sp)
+    out[..., 1] -= dh * dp * cp
+    out[..., 2] += dp * dr * cr + dh * (dr * sr * cp + dp * cr * sp)
+    return out
