@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+import numpy as np
+
 from sins_env import checks, earth
 from sins_env.envs.base import EpisodeEnv, EpisodeVectorEnv
 from sins_env.envs.settings import SimulationSettings
