@@ -1,4 +1,4 @@
-"""Figures of sensors. Matplotlib's Agg canvas and no pyplot, so that nothing is kept between figures."""
+"""Figures of sensors and flights. Matplotlib's Agg canvas and no pyplot, so that nothing is kept between figures."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from sins_env.allan import Allan, Budget, allan_deviation, expected_allan
 from sins_env.imu import Imu
 from sins_env.recordings import Recording, seconds
-from sins_env.specs import DEG_PER_H, UG, ImuSpec
+from sins_env.specs import DEG, DEG_PER_H, UG, ImuSpec
+from sins_env.trajectory import FlightPlan
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -111,3 +112,46 @@ def _draw(ax: Axes, allan: Allan, budget: Budget | None, scale: float) -> None:
         ax.plot(allan.tau, budget.total / scale, color="black", lw=1.4, label="datasheet", zorder=0)
     ax.set_ylim(bottom=0.3 * allan.adev.min() / scale)  # parts far below the sum would only stretch the axis
     ax.legend(fontsize=8)
+
+
+def flight_figure(plan: FlightPlan, title: str) -> Figure:
+    """Ground track, height, speed and attitude over time; dots and lines where segments meet."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    t, segment, at, moved = plan.track()
+    corners = np.flatnonzero(np.diff(segment)) + 1
+    figure = Figure(figsize=(11.0, 6.6), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(3, 2)
+    track = figure.add_subplot(grid[:, 0])
+    east, north = moved[:, 0] / 1e3, moved[:, 1] / 1e3
+    track.plot(east, north, color=_COLORS[0], lw=1.2)
+    track.plot(east[corners], north[corners], ".", color="gray", ms=5)
+    for i, mark, name in ((0, "o", "start"), (-1, "s", "end")):
+        track.plot(east[i], north[i], mark, color=_COLORS[1], label=name)
+    track.set(xlabel="East, km", ylabel="North, km", title="ground track")
+    track.set_aspect("equal", adjustable="datalim")
+    track.legend(fontsize=8)
+    speed = np.sqrt(np.sum(at.vel**2, axis=-1))
+    angles = at.angles / DEG
+    panels = (
+        ("height, m", {"": plan.height_m + moved[:, 2]}),
+        ("speed, m/s", {"": speed}),
+        ("attitude, deg", {"heading": angles[:, 0], "pitch": angles[:, 1], "roll": angles[:, 2]}),
+    )
+    for row, (label, lines) in enumerate(panels):
+        ax = figure.add_subplot(grid[row, 1])
+        for (name, values), color in zip(lines.items(), _COLORS, strict=False):
+            ax.plot(t, values, color=color, lw=1.2, label=name)
+        for end in plan.ends_s[:-1]:
+            ax.axvline(end, color="gray", lw=0.5, alpha=0.5)
+        ax.set(ylabel=label, xlim=(0, plan.duration_s))
+        ax.ticklabel_format(axis="y", useOffset=False)
+        if len(lines) > 1:
+            ax.legend(fontsize=8)
+    ax.set_xlabel("time, s")
+    for ax in figure.axes:
+        ax.grid(alpha=0.25)
+    figure.suptitle(title)
+    return figure

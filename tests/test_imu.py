@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sins_env.imu import GaussMarkov, Imu, standard_normal
+from sins_env.imu import GaussMarkov, Imu, Script, Wave, standard_normal
 from sins_env.specs import ARCSEC, DEG_PER_H, PPM, UG, ImuSpec
 
 EVERYTHING = ImuSpec(
@@ -186,3 +186,33 @@ def test_bad_specs_name_the_field_the_value_and_what_is_allowed(field, value):
 def test_a_correlation_time_is_positive(field):
     with pytest.raises(ValueError, match=f"ImuSpec.{field} = 0; allowed: a positive correlation time"):
         ImuSpec(**{field: 0})
+
+
+def test_a_wave_is_the_root_mean_square_over_each_sample():
+    """Against quadrature; also for samples as long as the wave."""
+    wave = Wave(0.7, 0.3)
+    for dt in (0.01, 2.0, 9.0):
+        found = wave.rms(5, 4, dt)
+        for i, value in enumerate(found):
+            t = np.linspace((5 + i) * dt, (6 + i) * dt, 20001)
+            assert value == pytest.approx(np.sqrt(np.trapezoid(np.cos(0.7 * t + 0.3) ** 2, t) / dt), rel=1e-7)
+
+
+def test_a_script_departs_from_the_spec_and_leaves_the_draws():
+    spec = ImuSpec(gyro_bias_deg_h=2.0, accel_bias_ug=300.0, arw_deg_sqrt_h=0.1, vrw_ug_sqrt_hz=50.0)
+    script = Script(True, gyro_mean_deg_h=0.5, accel_mean_ug=40.0, gyro_wave=Wave(0.1), accel_wave=Wave(0.2, 1.0))
+    plain, scripted, parts = Imu(spec, 0.5), Imu(spec, 0.5, script), Imu(spec, 0.5, script)
+    still = np.zeros((3, 20, 2, 3))
+    for imu in (plain, scripted, parts):
+        imu.reset(streams(3))
+    drawn, changed = plain.measure(still, still), scripted.measure(still, still)
+    in_parts = [parts.measure(s, s) for s in (still[:, :7], still[:, 7:])]
+    assert_allclose(scripted.gyro.bias, 2.5 * DEG_PER_H)
+    assert_allclose(scripted.accel.bias, 340.0 * UG)
+    t = (np.arange(40) + 0.5) * 0.5
+    sensors = ((plain.gyro, scripted.gyro, 0.1, 0.0), (plain.accel, scripted.accel, 0.2, 1.0))
+    for i, (a, b, rate, phase) in enumerate(sensors):
+        white = drawn[i].reshape(3, 40, 3) - 0.5 * a.bias[:, None]
+        found = changed[i].reshape(3, 40, 3) - 0.5 * b.bias[:, None]
+        assert_allclose(found, white * np.abs(np.cos(rate * t + phase))[:, None], atol=2e-2 * np.abs(white).max())
+        assert_array_equal(np.concatenate([part[i] for part in in_parts], axis=1), changed[i])

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import gymnasium
 
-ALIGNMENT_IDS = ("SINS/AlignSway-v0", "SINS/AlignStatic-v0", "SINS/AlignVehicle-v0", "SINS/Replay-v0")
-NAVIGATION_IDS = ("SINS/NavFlight-v0",)
-
 _ENTRY_POINTS = {
     "SINS/AlignSway-v0": "sins_env.envs.align:AlignSway",
     "SINS/AlignStatic-v0": "sins_env.envs.align:AlignStatic",
@@ -14,6 +11,7 @@ _ENTRY_POINTS = {
     "SINS/NavFlight-v0": "sins_env.envs.flight:NavFlight",
     "SINS/Replay-v0": "sins_env.envs.replay:Replay",
 }
+ENV_IDS = tuple(_ENTRY_POINTS)
 
 
 def register() -> None:

@@ -117,9 +117,12 @@ def parser() -> argparse.ArgumentParser:
 
     verb("list", commands.list_all, "environments, tasks, solvers and presets")
 
-    sub = verb("describe", commands.describe, "what is known of an environment, task, solver, preset or recording")
+    sub = verb(
+        "describe", commands.describe, "what is known of an environment, task, solver, preset, flight or recording"
+    )
     sub.add_argument("name", metavar="NAME")
     sub.add_argument("--allan", metavar="FILE", help="draw the Allan deviation of an IMU preset or a recording")
+    sub.add_argument("--plot", metavar="FILE", help="draw a flight: a profile by name, or a YAML or JSON file")
 
     sub = verb("run", commands.run, "one episode, with its final errors and a figure", _RUN_CODES)
     sub.add_argument("task", metavar="TASK")

@@ -15,14 +15,16 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from sins_env.envs import ALIGNMENT_IDS
+from sins_env.envs import ENV_IDS
 from sins_env.errors import unknown
 from sins_env.evaluation import registry
 from sins_env.evaluation.contents import describe_recording, is_recording
+from sins_env.evaluation.flights import describe_flight, draw_flight, is_flight
 from sins_env.evaluation.outcome import check_plot, save_figure, titled
 from sins_env.evaluation.progress import Bar
 from sins_env.evaluation.tasks import TASKS, EvaluationTask, suite_hash
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS
+from sins_env.trajectory.profiles import PROFILES
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -58,7 +60,7 @@ def _prose(text: str) -> str:
 def list_all(given: Namespace, console: Console) -> int:
     """Environments, tasks, solvers and presets."""
     table = _table("environments", "id", "what")
-    for env_id in ALIGNMENT_IDS:
+    for env_id in ENV_IDS:
         table.add_row(env_id, _of_environment(env_id))
     console.print(table)
     table = _table("tasks", "name", "what", "aligned within")
@@ -74,6 +76,10 @@ def list_all(given: Namespace, console: Console) -> int:
     if hidden := registry.shadowed():
         table.caption = f"not shown, for their names are taken: {', '.join(map(escape, hidden))}; use module:Factory"
         table.caption_justify = "left"
+    console.print(table)
+    table = _table("flights", "name", "what")
+    for name, profile in PROFILES.items():
+        table.add_row(name, profile.what)
     console.print(table)
     table = _table("presets", "kind", "names")
     table.add_row("IMU", ", ".join(IMU_PRESETS))
@@ -95,22 +101,28 @@ def describe(given: Namespace, console: Console) -> int:
     name, found = given.name, False
     if given.allan:
         _check_allan(name, given.allan)
+    if given.plot:
+        _check_flight(name, given.plot)
     if name in TASKS:
         found = _task(TASKS[name], console)
-    if name in ALIGNMENT_IDS:
+    if name in ENV_IDS:
         found = _environment(name, console)
     for kind, presets in (("IMU", IMU_PRESETS), ("GPS", GPS_PRESETS)):
         if name in presets:
             found = _preset(kind, name, presets[name], console)
     if name in registry.names() or ":" in name:
         found = _solver(name, console)
+    if is_flight(name):
+        found = describe_flight(name, console)
     if not found and is_recording(name):
         found = describe_recording(name, console)
     if not found:
-        everything = [*TASKS, *ALIGNMENT_IDS, *IMU_PRESETS, *GPS_PRESETS, *registry.names()]
+        everything = [*TASKS, *ENV_IDS, *PROFILES, *IMU_PRESETS, *GPS_PRESETS, *registry.names()]
         raise unknown("name", name, dict.fromkeys(everything))
     if given.allan:
         _allan(name, given.allan)
+    if given.plot:
+        draw_flight(name, given.plot)
     return 0
 
 
@@ -139,7 +151,7 @@ def _environment(env_id: str, console: Console) -> bool:
     cls = _env_class(env_id)
     console.print(f"[bold]{env_id}[/]  {escape(_of_environment(env_id))}\n", highlight=False)
     module: Any = inspect.getmodule(cls)
-    settings = getattr(module, "ReplaySettings" if "Replay" in env_id else "AlignSettings")
+    settings = next(value for key, value in vars(module).items() if key.endswith("Settings"))
     for paragraph in (inspect.getdoc(settings) or "").split("\n\n"):
         if not paragraph.startswith("Raises"):
             console.print(escape(_prose(paragraph)) + "\n", highlight=False)
@@ -186,6 +198,14 @@ def _check_allan(name: str, path: str) -> None:
     if name not in IMU_PRESETS and not is_recording(name):
         allowed = f"an IMU preset ({', '.join(IMU_PRESETS)}) or a recording"
         raise ValueError(f"--allan for {name!r}; allowed: {allowed}")
+
+
+def _check_flight(name: str, path: str) -> None:
+    check_plot(path)
+    if not is_flight(name):
+        raise ValueError(
+            f"--plot for {name!r}; allowed: a flight ({', '.join(PROFILES)}), or a YAML or JSON file with one"
+        )
 
 
 def _allan(name: str, path: str) -> None:

@@ -101,7 +101,6 @@ class Flight:
         for _ in range(_ITERATIONS):
             R_M, R_N = earth.radii(self._earth, inside[..., 0])
             inside[..., 0], ends[:, 0] = self._integral(vel[..., 1] / (R_M + inside[..., 2]), self._pos[0])
-        earth.check_latitude(float(np.max(np.abs(ends[:, 0]))))
         east = vel[..., 0] / ((R_N + inside[..., 2]) * np.cos(inside[..., 0]))
         inside[..., 1], ends[:, 1] = self._integral(east, self._pos[1])
         ends[:, 1] = attitude.wrap(ends[:, 1])

@@ -25,6 +25,9 @@ from sins_env.types import Site
 Array = NDArray[np.float64]
 
 MAX_PITCH_DEG, MAX_ROLL_DEG = 85.0, 180.0
+MAX_LATITUDE_DEG = (
+    89.0  #: by the track on a sphere, which is off by less than 0.1 deg; the local-level frame ends at 89.9
+)
 MAX_SPEED_MPS, MIN_HEIGHT_M, MAX_HEIGHT_M = 1e4, -1e3, 1e5  #: those of the observation space
 FLIGHT_FILES = (".yaml", ".yml", ".json")
 
@@ -56,7 +59,14 @@ class FlightPlan:
 
     def __post_init__(self) -> None:
         checks.choice("earth model", self.earth, earth.EARTHS)
-        checks.keep(self, "latitude_deg", checks.number, "-89.9 to 89.9", least=-89.9, most=89.9)
+        checks.keep(
+            self,
+            "latitude_deg",
+            checks.number,
+            f"-{MAX_LATITUDE_DEG:g} to {MAX_LATITUDE_DEG:g}",
+            least=-MAX_LATITUDE_DEG,
+            most=MAX_LATITUDE_DEG,
+        )
         checks.keep(self, "longitude_deg", checks.number, "-180 to 180", least=-180.0, most=180.0)
         checks.keep(self, "height_m", checks.number, least=MIN_HEIGHT_M, most=MAX_HEIGHT_M)
         checks.keep(self, "speed_mps", checks.number, least=0.0, most=MAX_SPEED_MPS)
@@ -177,8 +187,14 @@ class FlightPlan:
                 f"for instance {np.rint(end / dt) * dt:g} s"
             )
 
+    def summary(self) -> list[tuple[str, Array]]:
+        """Per segment: manoeuvre, and when it ends in s, then speed in m/s, heading, pitch and roll in deg, (5,)."""
+        ends = np.column_stack([self.ends_s, self._corners[1:] / [1.0, DEG, DEG, DEG]])
+        return [(segment.manoeuvre, end) for segment, end in zip(self.segments, ends, strict=True)]
+
     def _named(self, i: int) -> str:
-        return f"segment {i + 1} ({self.segments[i]})"
+        end, segment = self.ends_s[i], self.segments[i]
+        return f"segment {i + 1} ({segment.manoeuvre}, {end - segment.duration_s:g} to {end:g} s)"
 
     def _check_corners(self) -> None:
         """Speed, pitch and roll are linear within a segment: their extremes are at its ends."""
@@ -194,20 +210,28 @@ class FlightPlan:
                 if not low - 1e-6 <= value <= high + 1e-6:
                     raise ValueError(f"{self._named(i)} ends at {what.format(value)}; allowed: {low:g} to {high:g}")
 
-    def _check_path(self) -> None:
-        """Latitude and height along the way, on a sphere and a grid of a second or less: a sanity check, not the truth."""
+    def track(self) -> tuple[Array, NDArray[np.intp], Kinematics, Array]:
+        """Every second or more often: times (N,) s, segments (N,), kinematics, and metres E, N, U (N, 3) from the start.
+
+        By the trapezoidal rule on a flat Earth: to look at and to check, not the truth.
+        """
         t = np.linspace(0.0, self.duration_s, max(int(self.duration_s), 200) + 1)
         segment = np.minimum(np.searchsorted(self.ends_s, t), len(self.segments) - 1)
-        vel = self.kinematics(t, segment).vel
-        moved = np.cumsum(0.5 * (vel[1:] + vel[:-1]) * np.diff(t)[:, None], axis=0)
+        at = self.kinematics(t, segment)
+        steps = 0.5 * (at.vel[1:] + at.vel[:-1]) * np.diff(t)[:, None]
+        return t, segment, at, np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
+    def _check_path(self) -> None:
+        """Latitude and height along the way stay where the frame and the observations exist."""
+        _, segment, _, moved = self.track()
         latitude, height = self.latitude_deg + moved[:, 1] / 6.37e6 / DEG, self.height_m + moved[:, 2]
         for what, value, low, high in (
-            ("latitude {:.5g} deg", latitude, -89.9, 89.9),
+            ("latitude {:.5g} deg", latitude, -MAX_LATITUDE_DEG, MAX_LATITUDE_DEG),
             ("height {:.5g} m", height, MIN_HEIGHT_M, MAX_HEIGHT_M),
         ):
             out = np.flatnonzero((value < low) | (value > high))
             if len(out):
-                where = f"{self._named(segment[out[0] + 1])} leads to {what.format(value[out[0]])}"
+                where = f"{self._named(segment[out[0]])} leads to {what.format(value[out[0]])}"
                 raise ValueError(f"{where}; allowed: {low:g} to {high:g}")
 
 

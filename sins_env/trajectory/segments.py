@@ -69,6 +69,17 @@ class Segment:
         return cls(*row[:4], *([row[4] if len(row) == 5 else row[4:]] if len(row) > 4 else []))
 
     @property
+    def manoeuvre(self) -> str:
+        """Its name, those of several at once joined."""
+        fields = {"accel_mps2": self.accel_mps2, "pitch_rate_deg_s": self.pitch_rate_deg_s}
+        fields |= {
+            "roll_rate_deg_s": self.roll_rate_deg_s,
+            "heading_rate_deg_s": sum(map(abs, self.heading_rates_deg_s)),
+        }
+        found = [n for n, what in MANOEUVRES.items() if what and fields[what[0]] * (what[1] or fields[what[0]]) > 0]
+        return " + ".join(found) or "cruise"
+
+    @property
     def heading_rates_deg_s(self) -> tuple[float, float]:
         """At the start and at the end."""
         given = self.heading_rate_deg_s

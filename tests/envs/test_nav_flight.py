@@ -290,7 +290,7 @@ BAD = [
     ({"profile": {**OWN, "segments": [["clmb", 3, 1]]}}, "did you mean 'climb'"),
     ({"duration": 901.0}, "duration = 901.0; allowed: at most 900 s, the length of the flight"),
     ({"duration": 2.55}, "duration = 2.55 s with epochs of 0.1 s; allowed: a whole number of epochs"),
-    ({"epoch": 0.3, "duration": 3.0}, "segment 1 (Segment(duration_s=100.0"),
+    ({"epoch": 0.3, "duration": 3.0}, "segment 1 (cruise, 0 to 100 s) ends at 100 s, between IMU samples of 0.3 s"),
     (
         {"start": "unknown", "profile": "lu-gauss"},
         "start = 'unknown'; allowed: 'told', this flight does not start at rest",

@@ -68,6 +68,9 @@ def test_list(cli):
         ("sway-white-v0", "0.7 deg"),
         ("SINS/AlignSway-v0", "misalignment_deg"),
         ("SINS/Replay-v0", "recording"),
+        ("SINS/NavFlight-v0", "velocity_std_mps"),
+        ("lu-mixture", "contamination 0.2"),
+        ("zhao2010", "roll + turn"),
         ("tactical", "arw_deg_sqrt_h"),
         ("dgps", "rate_hz"),
         ("perfect", "GPS preset"),
@@ -85,6 +88,15 @@ def test_describe_preset_with_allan(cli, tmp_path):
     code, _, err = cli("describe", "mems", "--allan", "a.png")
     assert (code, err) == (0, ["figure: a.png"])
     assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_describe_draws_a_flight(cli, tmp_path):
+    text = "{latitude_deg: 50, longitude_deg: 8, speed_mps: 30, segments: [[cruise, 5], [turn, 20, 3]]}"
+    (tmp_path / "own.yaml").write_text(text)
+    code, out, err = cli("describe", "own.yaml", "--plot", "own.png")
+    assert (code, err) == (0, ["figure: own.png"])
+    assert "turn" in out
+    assert (tmp_path / "own.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("recorded", ["rlg_parked_car.npz"], indirect=True)
@@ -334,6 +346,9 @@ def test_bench_of_a_task_that_is_too_short(cli, short, monkeypatch):
         (("describe", "sway-markof-v0"), "did you mean 'sway-markov-v0'?"),
         (("describe", "missing.npz"), "missing.npz"),
         (("describe", "dgps", "--allan", "a.png"), "allowed: an IMU preset"),
+        (("describe", "dgps", "--plot", "a.png"), "--plot for 'dgps'; allowed: a flight (sun2012,"),
+        (("describe", "gone.yaml"), "gone.yaml"),
+        (("describe", "sun212"), "did you mean 'sun2012'?"),
         (("check", PLUGIN + "Nothing"), "without batched, reset, step"),
         (("bench", "--frobnicate"), "unrecognized arguments"),
     ],
