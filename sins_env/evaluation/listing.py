@@ -151,7 +151,7 @@ def _environment(env_id: str, console: Console) -> bool:
     cls = _env_class(env_id)
     console.print(f"[bold]{env_id}[/]  {escape(_of_environment(env_id))}\n", highlight=False)
     module: Any = inspect.getmodule(cls)
-    settings = next(value for key, value in vars(module).items() if key.endswith("Settings"))
+    settings = [value for key, value in vars(module).items() if key.endswith("Settings")][-1]  # its own, after its base
     for paragraph in (inspect.getdoc(settings) or "").split("\n\n"):
         if not paragraph.startswith("Raises"):
             console.print(escape(_prose(paragraph)) + "\n", highlight=False)
