@@ -149,11 +149,14 @@ class Linearized:
 
     def moments(self, g: Function, x: Gaussian) -> tuple[Moments, Mask | None]:
         point = x.mean if self.at == "mean" else np.zeros_like(x.mean)
-        value, J = tangent(g, point, standard_deviations(x.cov))
-        y = linear_moments(Linear(J), x)
-        # y.mean is J x; at the mean g(x) itself, without rounding through J x
-        mean = value if self.at == "mean" else value + y.mean
-        return y._replace(mean=mean), None
+        return tangent_moments(g, x, point)[0], None
+
+
+def tangent_moments(g: Function, x: Gaussian, at: Array) -> tuple[Moments, Array]:
+    """Moments of the tangent of g at ``at`` (..., n), and its matrix (..., m, n)."""
+    value, J = tangent(g, at, standard_deviations(x.cov))
+    y = linear_moments(Linear(J), x._replace(mean=x.mean - at))
+    return y._replace(mean=value + y.mean), J
 
 
 def standard_deviations(P: Array) -> Array:

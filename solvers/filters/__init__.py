@@ -8,7 +8,7 @@ from solvers.filters.registry import FILTERS, make_filter, names, register
 
 # isort: split
 # importing a filter registers it: the Gaussian family, adaptive, sums and models, H-infinity, robust, predictive, particles
-from solvers.filters import kf, ekf, ukf, ckf, ckf5, ddf, filterpy_adapter  # noqa: F401, I001
+from solvers.filters import kf, ekf, iekf, inekf, ukf, ckf, ckf5, ddf, filterpy_adapter  # noqa: F401, I001
 from solvers.filters import aukf, augmented_aukf  # noqa: F401
 from solvers.filters import gsf_ekf, imm, asmugsf  # noqa: F401
 from solvers.filters import hinf, hinf_uif, mixed_hinf_ukf  # noqa: F401

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env.types import NavState, Observation, Rng, Task
+from solvers.pipeline.epoch_map import ErrorModel
 from solvers.pipeline.error_state import AlignmentErrors
-from solvers.pipeline.integration import Integration, refuse_navigation
+from solvers.pipeline.integration import Integration, coordinates_of, refuse_navigation
+from solvers.pipeline.navigation_errors import NavigationErrors
 from solvers.types import Filter
 
 Array = NDArray[np.float64]
@@ -24,7 +26,8 @@ class Aligner(Integration):
     and attitude after each fix; None: open, but closed for a filter that says so (one that linearises at zero error).
     ``coarse`` is the method of the coarse phase (:mod:`solvers.pipeline.coarse`),
     ``model`` and ``bias_frame`` are those of :class:`AlignmentErrors`. The vertical velocity of the INS is slaved to the
-    fixes, the position is the told site.
+    fixes, the position is the told site. ``coordinates="invariant"``: on the group SE_2(3) instead of ten states
+    (:mod:`solvers.pipeline.invariant`); twelve, for the vertical velocity is one of them.
 
     Raises:
         ValueError: an unknown setting.
@@ -40,9 +43,17 @@ class Aligner(Integration):
         model: str = "exact",
         bias_frame: str = "body",
         feedback: str | None = None,
+        coordinates: str | None = None,
         coarse: str = "aided",
     ) -> None:
-        super().__init__(filter, AlignmentErrors(model, bias_frame), feedback, coarse)
+        errors: ErrorModel = AlignmentErrors(model, bias_frame)
+        if coordinates_of(filter, coordinates) == "invariant":
+            if errors != AlignmentErrors():
+                raise ValueError(
+                    f"model = {model!r}, bias_frame = {bias_frame!r}; allowed in invariant coordinates: 'exact', 'body'"
+                )
+            errors = NavigationErrors(position=False)
+        super().__init__(filter, errors, feedback, coordinates, coarse)
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
         refuse_navigation(task, "an aligner")
@@ -53,7 +64,9 @@ class Aligner(Integration):
         return nav.q_nb
 
     def aid(self, obs: Observation, valid: NDArray[np.bool_], arm: Array | None) -> None:
-        """Slaves the vertical velocity."""
+        """Slaves the vertical velocity, unless it is a state of the filter."""
+        if len(self._R) > 2:
+            return
         assert self._ins is not None
         vel = self._ins.nav.vel.copy()
         off = obs["gps_vel"][..., 2] - vel[..., 2] - (0.0 if arm is None else arm[..., 0, 2])

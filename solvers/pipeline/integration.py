@@ -19,6 +19,7 @@ from sins_env.types import NavState, Observation, Rng, Task
 from solvers.pipeline import coarse as coarse_methods
 from solvers.pipeline import feedback as reset
 from solvers.pipeline.epoch_map import ErrorModel
+from solvers.pipeline.invariant import COORDINATES, Euler, Invariant
 from solvers.pipeline.strapdown import Strapdown, StrapdownState, cross, end_rate
 from solvers.types import MISSING, Filter, Health, Measurement, NoiseLaw
 
@@ -31,7 +32,8 @@ class Integration(ABC):
     """The estimator around a filter. A told start goes straight to the fine phase; an unknown one begins with the coarse.
 
     ``feedback``: "open" corrects the output alone, "closed" the INS after each fix; None: closed for a filter that says so.
-    ``coarse`` is the method of the coarse phase (:mod:`solvers.pipeline.coarse`).
+    ``coordinates``: of the errors that the filter estimates, "euler" or "invariant" (:mod:`solvers.pipeline.invariant`); None: as
+    the filter says, else "euler". ``coarse`` is the method of the coarse phase (:mod:`solvers.pipeline.coarse`).
 
     Raises:
         ValueError: an unknown setting.
@@ -40,14 +42,16 @@ class Integration(ABC):
     navigates: ClassVar[bool]  #: whether the answer, and the INS, has a position
     feedback_default: ClassVar[str]
 
-    def __init__(self, filter: Filter[Any], errors: ErrorModel, feedback: str | None, coarse: str) -> None:
+    def __init__(
+        self, filter: Filter[Any], errors: ErrorModel, feedback: str | None, coordinates: str | None, coarse: str
+    ) -> None:
         if feedback is None:
             feedback = getattr(filter, "feedback", self.feedback_default)
         if feedback not in FEEDBACK:
             raise unknown("feedback", feedback, FEEDBACK)
         coarse_methods.check_method(coarse)
         self.filter, self.errors = filter, errors
-        self.feedback, self.coarse = feedback, coarse
+        self.feedback, self.coordinates, self.coarse = feedback, coordinates_of(filter, coordinates), coarse
         self.batched: bool = getattr(filter, "batched", True)
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
@@ -66,6 +70,9 @@ class Integration(ABC):
             None  # of gyros and accelerometers per sample, taken from the increments
         )
         self._belief: Any = None
+        self._coordinates = (
+            Invariant(self._earth, pos, position=self.navigates) if self.coordinates == "invariant" else Euler()
+        )
 
     def step(self, obs: Observation) -> Array:
         """The estimate at the end of the epoch."""
@@ -86,7 +93,8 @@ class Integration(ABC):
         size = 9 if self.navigates else 3
         if self._belief is None:
             return np.broadcast_to(self.task.prior.P0[:size, :size], (*self._batch, size, size)).copy()
-        x, P = self.filter.estimate(self._belief)
+        assert self._ins is not None
+        x, P = self._coordinates.gaussian(self.filter.estimate(self._belief), self._ins.nav)
         first = self.errors.phi.start
         reported = slice(first, first + size)
         return reset.corrected_covariance(x[..., self.errors.phi], P[..., reported, reported])
@@ -117,7 +125,8 @@ class Integration(ABC):
     def _start_fine(self, nav: NavState) -> None:
         self._coarse = None
         self._ins = self._strapdown.start(nav)
-        self._belief = self.filter.init(self.errors.prior(self.task.prior, self._batch), self._rng)
+        prior = self._coordinates.prior(self.errors.prior(self.task.prior, self._batch), nav)
+        self._belief = self.filter.init(prior, self._rng)
 
     def _first(self, obs: Observation, q_nb: Array) -> NavState:
         """The INS's state at the end of the coarse phase: velocity and position of the fix, or zero and the site."""
@@ -130,6 +139,7 @@ class Integration(ABC):
 
     def _fine(self, obs: Observation) -> NavState:
         assert self._ins is not None
+        before = self._ins.nav
         self._ins, motion = self._strapdown.advance(self._ins, *self._increments(obs))
         transition = self.errors.transition(motion, self._Q)
         valid = obs["gps_valid"][..., 0] == 1
@@ -138,9 +148,11 @@ class Integration(ABC):
             arm = None if self._lever is None else self._arm(obs, self._ins.nav.q_nb)
             self.aid(obs, valid, arm)
             measurement = self._measurement(obs, valid, arm)
+        ins = self._ins.nav
+        transition = self._coordinates.transition(transition, before, ins)
         self._belief, _ = self.filter.step(self._belief, transition, measurement)
-        x = self.filter.estimate(self._belief).mean
-        nav = self.errors.corrected(self._earth, self._ins.nav, x)
+        x = self._coordinates.errors(self.filter.estimate(self._belief).mean, ins)
+        nav = self.errors.corrected(self._earth, ins, x)
         if self.feedback == "closed" and measurement is not None:
             self._feed_back(nav, x)
         return nav
@@ -158,7 +170,8 @@ class Integration(ABC):
         if not valid.all():
             residual = np.where(valid[..., None], residual, 0.0)
             R = R + np.where(valid, 0.0, MISSING)[..., None, None] * np.eye(len(R))
-        return self.errors.measurement(residual, R, arm, self._law)
+        assert self._ins is not None
+        return self._coordinates.measurement(self.errors.measurement(residual, R, arm, self._law), self._ins.nav)
 
     def _residual(self, obs: Observation, arm: Array | None) -> Array:
         """INS minus fix, as many components as the error model takes: velocity m/s, position m."""
@@ -181,13 +194,26 @@ class Integration(ABC):
 
     def _feed_back(self, nav: NavState, x: Array) -> None:
         assert self._ins is not None
-        self._ins = self._ins._replace(nav=nav)
+        before, self._ins = self._ins.nav, self._ins._replace(nav=nav)
         biases = self.errors.biases(x)
         if biases is not None:
             per_sample = self.task.epoch_s / self.task.n_sub
-            before = self._bias or (0.0, 0.0)
-            self._bias = before[0] + per_sample * biases[0], before[1] + per_sample * biases[1]
-        self._belief = self.filter.relocate(self._belief, *reset.reset_maps(x, self.errors.phi, self.errors.fed))
+            so_far = self._bias or (0.0, 0.0)
+            self._bias = so_far[0] + per_sample * biases[0], so_far[1] + per_sample * biases[1]
+        maps = reset.reset_maps(x, self.errors.phi, self.errors.fed)
+        self._belief = self.filter.relocate(self._belief, *self._coordinates.reset(maps, before, nav))
+
+
+def coordinates_of(filter: Filter[Any], given: str | None) -> str:
+    """The setting; None: what the filter asks for.
+
+    Raises:
+        ValueError: an unknown one.
+    """
+    coordinates: str = getattr(filter, "coordinates", "euler") if given is None else given
+    if coordinates not in COORDINATES:
+        raise unknown("coordinates", coordinates, COORDINATES)
+    return coordinates
 
 
 def refuse_navigation(task: Task, what: str) -> None:

@@ -29,8 +29,15 @@ class Navigator(Integration):
     navigates = True
     feedback_default = "closed"
 
-    def __init__(self, filter: Filter[Any], *, feedback: str | None = None, coarse: str = "aided") -> None:
-        super().__init__(filter, NavigationErrors(), feedback, coarse)
+    def __init__(
+        self,
+        filter: Filter[Any],
+        *,
+        feedback: str | None = None,
+        coordinates: str | None = None,
+        coarse: str = "aided",
+    ) -> None:
+        super().__init__(filter, NavigationErrors(), feedback, coordinates, coarse)
 
     def answer(self, nav: NavState) -> Array:
         """q_nb, velocity E N U m/s, latitude rad, longitude rad, height m: (..., 10)."""

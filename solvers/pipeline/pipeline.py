@@ -34,11 +34,13 @@ class Pipeline:
         model: str = "exact",
         bias_frame: str = "body",
         feedback: str | None = None,
+        coordinates: str | None = None,
         coarse: str = "aided",
     ) -> None:
         self.filter = filter
-        self.aligner = Aligner(filter, model=model, bias_frame=bias_frame, feedback=feedback, coarse=coarse)
-        self.navigator = Navigator(filter, feedback=feedback, coarse=coarse)
+        shared: dict[str, Any] = {"feedback": feedback, "coordinates": coordinates, "coarse": coarse}
+        self.aligner = Aligner(filter, model=model, bias_frame=bias_frame, **shared)
+        self.navigator = Navigator(filter, **shared)
         self.running: Aligner | Navigator = self.aligner
         self.batched = self.aligner.batched
         self._alignment_only = {"model": model, "bias_frame": bias_frame}

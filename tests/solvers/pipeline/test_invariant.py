@@ -1,0 +1,139 @@
+"""Invariant coordinates: exact inverses, the log-linear property, the reset as a product of exponentials, scipy's expm."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm, logm
+
+from sins_env import attitude, earth
+from sins_env.types import NavState
+from solvers.blocks.moments import tangent
+from solvers.pipeline import feedback
+from solvers.pipeline.invariant import Chart, Invariant
+from solvers.pipeline.navigation_errors import PHI, POS, VEL, NavigationErrors
+from solvers.pipeline.strapdown import EpochMotion
+from solvers.types import Gaussian
+
+RNG = np.random.default_rng(3)
+HELD = 20.0 * RNG.standard_normal((4, 2, 3))
+SCALE = np.repeat([0.5, 3.0, 30.0, 1.0, 1.0], 3)
+
+
+def element(C, vel, pos):
+    """The matrix (5, 5) of SE_2(3)."""
+    X = np.eye(5)
+    X[:3, :3], X[:3, 3], X[:3, 4] = C, vel, pos
+    return X
+
+
+def algebra(xi):
+    """The matrix of the Lie algebra; the rotation is Exp(-theta x), as C_n^c(phi) is I - phi x."""
+    Xi = np.zeros((5, 5))
+    Xi[:3, :3], Xi[:3, 3], Xi[:3, 4] = -attitude.skew(xi[:3]), xi[3:6], xi[6:9]
+    return Xi
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e-3, 1.0])
+def test_the_coordinates_are_the_logarithm_of_the_right_invariant_error(size):
+    """Against scipy's matrix exponential and logarithm of X_hat X^-1."""
+    x = size * SCALE * RNG.standard_normal((4, 15))
+    xi = Chart(HELD).invariant(x)
+    for row, log, (vel, pos) in zip(x, xi, HELD, strict=True):
+        C_hat = attitude.to_dcm(attitude.normalize(RNG.standard_normal(4)))
+        C = attitude.misalignment_dcm(row[PHI]).T @ C_hat
+        error = element(C_hat, vel, pos) @ np.linalg.inv(element(C, vel - row[VEL], pos - row[POS]))
+        np.testing.assert_allclose(expm(algebra(log)), error, atol=1e-12 * max(1.0, np.abs(error).max()))
+        np.testing.assert_allclose(algebra(log), np.real(logm(error)), atol=1e-10 * max(1.0, np.abs(log).max()))
+        np.testing.assert_array_equal(log[9:], row[9:])
+
+
+@pytest.mark.parametrize("shape", [(4,), (4, 7), (4, 3, 7)])
+def test_there_and_back(shape):
+    x = SCALE * RNG.standard_normal((*shape, 15))
+    chart = Chart(HELD)
+    np.testing.assert_allclose(chart.errors(chart.invariant(x)), x, atol=1e-12)
+    one = Chart(HELD[2]).invariant(x[2])
+    np.testing.assert_allclose(one, chart.invariant(x)[2], rtol=1e-13, atol=1e-14)
+    twelve = np.delete(np.arange(15), POS)
+    short = Chart(HELD[:, :1]).invariant(x[..., twelve])
+    np.testing.assert_array_equal(short, chart.invariant(x)[..., twelve])
+
+
+def test_half_a_turn_has_coordinates_too():
+    for turn in (3.0, np.pi - 1e-6, -3.0):
+        x = np.zeros((4, 15))
+        x[:, 2], x[:, 3] = turn, 1.0
+        chart = Chart(HELD)
+        np.testing.assert_allclose(chart.errors(chart.invariant(x)), x, atol=1e-9)
+
+
+def test_slope_at_zero():
+    chart = Chart(HELD)
+    _, J = tangent(chart.invariant, np.zeros((4, 15)), np.ones((4, 15)))
+    np.testing.assert_allclose(chart.slope(15), J, atol=1e-5)
+    _, back = tangent(chart.errors, np.zeros((4, 15)), np.zeros((4, 15)))
+    np.testing.assert_allclose(chart.slope(15) @ back, np.broadcast_to(np.eye(15), J.shape), atol=1e-7)
+
+
+def flat(C, force, vel, h=0.5):
+    """An epoch on a flat earth at rest."""
+    zero = np.zeros(3)
+    return EpochMotion(h, C, h * force, vel + 0.5 * h * force, zero, zero, np.zeros((3, 3)), np.zeros(()))
+
+
+@pytest.mark.parametrize("degrees", [1.0, 60.0, 150.0])
+def test_large_errors_grow_linearly_and_whatever_the_motion(degrees, monkeypatch):
+    """The log-linear property (Barrau & Bonnabel 2017, theorem 2): xi' = A xi, the same A in every motion."""
+    monkeypatch.setattr(earth, "FREE_AIR", 0.0)
+    h, g = 0.5, np.array([0.0, 0.0, -9.8])
+    # 1 / R = 1e-30: the earth is flat, and tan L = 0 / 1e-30
+    A = np.eye(9)
+    A[VEL, PHI], A[POS, PHI], A[POS, VEL] = -h * attitude.skew(g), -0.5 * h * h * attitude.skew(g), h * np.eye(3)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        C = attitude.to_dcm(attitude.normalize(rng.standard_normal(4)))
+        force, vel, pos = 5.0 * rng.standard_normal(3), 50.0 * rng.standard_normal(3), 1e3 * rng.standard_normal(3)
+        after = vel + h * (force + g), pos + h * vel + 0.5 * h * h * (force + g)
+        motion = flat(C, force, vel)._replace(transport=1e-30 * np.array([[0, -1, 0], [1, 0, 0], [0, 0, 0.0]]))
+        x = np.concatenate([rng.standard_normal(3), [5, -3, 1, 80, -60, 20.0], np.zeros(6)])
+        x[PHI] *= np.radians(degrees) / np.linalg.norm(x[PHI])
+        xi = Chart(np.stack([vel, pos])).invariant(x)
+        moved = NavigationErrors().transition(motion, np.zeros((15, 15))).f(x)
+        got = Chart(np.stack(after)).invariant(moved)
+        np.testing.assert_allclose(got[:9], A @ xi[:9], rtol=1e-11, atol=1e-9)
+    assert (
+        np.abs(moved[VEL] - (x + h * np.r_[np.zeros(3), np.cross(force, x[PHI]), np.zeros(9)])[VEL]).max() > 1e-4
+    )  # dv does not
+
+
+def navs(vel, pos):
+    return NavState(np.zeros((*vel.shape[:-1], 4)), vel, pos)
+
+
+def test_reset_is_the_product_of_exponentials():
+    """What remains of xi after the correction by xi_hat is log(Exp(-xi_hat) Exp(xi))."""
+    model, site = earth.get("wgs84"), np.array([0.6, 1.9, 300.0])
+    xi_hat = SCALE * 0.3 * RNG.standard_normal((4, 15))
+    xi = xi_hat + 0.1 * SCALE * RNG.standard_normal((4, 15))
+    coordinates = Invariant(model, site, position=True)
+    before = navs(HELD[:, 0], earth.displace(model, site, HELD[:, 1]))
+    x_hat = coordinates.errors(xi_hat, before)
+    after = navs(before.vel - x_hat[:, VEL], earth.displace(model, before.pos, -x_hat[:, POS]))
+    g, jacobian = coordinates.reset(feedback.reset_maps(x_hat, PHI, slice(3, None)), before, after)
+    for hat, row, left in zip(xi_hat, xi, g(xi), strict=True):
+        expected = expm(-algebra(hat)) @ expm(algebra(row))
+        np.testing.assert_allclose(expm(algebra(left)), expected, atol=3e-3)  # metres on an ellipsoid over 100 m
+        np.testing.assert_allclose(left[9:], row[9:] - hat[9:], atol=1e-12)
+    step = 1e-6 * SCALE[0] * np.eye(15)
+    J = jacobian(xi_hat)
+    for i in range(15):
+        np.testing.assert_allclose(J[..., i], (g(xi_hat + step[i]) - g(xi_hat - step[i])) / (2 * step[i, i]), atol=1e-5)
+
+
+def test_covariance_comes_back_as_it_went_in():
+    P = np.diag(0.01 * SCALE**2) + 1e-4
+    coordinates = Invariant(earth.get("wgs84"), np.array([0.6, 1.9, 300.0]), position=True)
+    nav = navs(HELD[:, 0], earth.displace(earth.get("wgs84"), np.array([0.6, 1.9, 300.0]), HELD[:, 1]))
+    x = Gaussian(np.zeros((4, 15)), np.broadcast_to(P, (4, 15, 15)))
+    back = coordinates.gaussian(coordinates.prior(x, nav), nav)
+    np.testing.assert_allclose(back.mean, 0.0, atol=1e-12)
+    np.testing.assert_allclose(back.cov, x.cov, rtol=1e-6, atol=1e-6)
