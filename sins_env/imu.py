@@ -137,7 +137,7 @@ class Imu:
 
     def __init__(self, spec: ImuSpec, dt: float, script: Script | None = None) -> None:
         self.spec = spec
-        script = script or Script()
+        self.script = script = script or Script()
         coupling = (spec.scale_ppm * PPM, spec.misalignment_arcsec * ARCSEC)
         gyro_markov = GaussMarkov(spec.gyro_markov_deg_h * DEG_PER_H, spec.gyro_markov_s, dt)
         accel_markov = GaussMarkov(spec.accel_markov_ug * UG, spec.accel_markov_s, dt)

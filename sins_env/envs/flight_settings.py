@@ -131,6 +131,11 @@ class FlightSettings(Timed):
             return self.attitude_std_deg
         return self.misalignment_deg
 
+    @property
+    def gaussian_start(self) -> bool:
+        """Whether the errors of the start are drawn from the Gaussian of a matched prior."""
+        return self.start == "told" and self.misalignment is None
+
     def task(self) -> Task:
         """What the estimators are told; the start of an episode is filled in at its reset."""
         imu, gps, site = self.imu_true, self.gps_true, self.base.plan.site

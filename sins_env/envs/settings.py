@@ -126,6 +126,11 @@ class SimulationSettings(Timed):
     def gps_true(self) -> GpsSpec:
         return gps_spec(self.gps)
 
+    @property
+    def gaussian_start(self) -> bool:
+        """Whether the errors of the start are drawn from the Gaussian of a matched prior."""
+        return self.start == "told" and self.misalignment_deg is None and not self.any_heading
+
     def task(self, env_id: str) -> Task:
         """What the estimators are told; the start of an episode is filled in at its reset."""
         spread = TOLD_START_STD_DEG if self.start == "told" else COARSE_STD_DEG

@@ -124,6 +124,7 @@ class SimulatedWorld(ChunkedWorld):
     """An exact motion, and the errors of the sensors on it."""
 
     scored = True
+    settings: Any  #: with ``start`` and ``gaussian_start``
     trajectory: Trajectory
     imu: Imu
     gps: Gps | ZeroVelocity

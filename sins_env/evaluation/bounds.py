@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env.envs.world import SwayWorld
+from sins_env.envs.world import SimulatedWorld
 from sins_env.evaluation import cache
 from sins_env.evaluation.error_model import ErrorModel, true_motion
 from sins_env.evaluation.scoring import Criteria
@@ -72,26 +72,26 @@ def _cached(task: EvaluationTask, identity: str) -> Bound | None:
 
 
 def compute(task: EvaluationTask, runs: int = RUNS) -> Bound | None:
-    """The bound; None for a recording, or for a world that is not the simulated base."""
+    """The bound; None for a recording. ``runs`` of the suite are averaged over, of a flight, always the same, only one."""
     if task.windows:
         return None
     env: Any = task.make(1)
     public, world = env.unwrapped.task, env.unwrapped.episode.world
     env.close()
-    if not isinstance(world, SwayWorld):
+    if not isinstance(world, SimulatedWorld):
         return None
-    model = ErrorModel(world.settings, public)
+    model, runs = ErrorModel(world), 1 if public.navigate else runs
     P = np.broadcast_to(model.P0, (runs, model.n, model.n))
     variance = []
     for part in true_motion(task, public, runs):
         F, H = model.transitions(part), model.sensitivity(part)
-        Q = 0.5 * public.epoch_s * (model.drive + F @ model.drive @ F.mT)
+        Q = model.noise(part, F)
         for k, fix in enumerate(part.fix):
             P = F[:, k] @ P @ F[:, k].mT + Q[:, k]
             if fix:
                 P = correct(P, H[:, k], model.R)
             variance.append(np.diagonal(P, axis1=-2, axis2=-1)[:, model.scored].mean(axis=0))
-    criteria, settings = Criteria.of(task, public), world.settings
+    criteria = Criteria.of(task, public)
     stride, first = criteria.history_stride, criteria.steady_from
     curve = np.array(variance)
     return Bound(
@@ -100,7 +100,7 @@ def compute(task: EvaluationTask, runs: int = RUNS) -> Bound | None:
         steady=np.sqrt(curve[first - 1 :].mean(axis=0)),
         final=np.sqrt(curve[-1]),
         epochs=np.array([first, criteria.num_epochs]),
-        holds=np.array(settings.start == "told" and settings.misalignment_deg is None and not settings.any_heading),
+        holds=np.array(world.settings.gaussian_start),
     )
 
 

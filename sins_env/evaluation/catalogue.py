@@ -23,6 +23,15 @@ def _sway(name: str, what: str, source: str, azimuth_deg: float, level_arcsec: f
     return _fields("SINS/AlignSway-v0", name, what, source, azimuth_deg, level_arcsec, {**usual, **kwargs})
 
 
+def _flight(
+    name: str, what: str, source: str, azimuth_deg: float, level_arcsec: float, rank_by: str, **more: Any
+) -> Fields:
+    """The profile of this name, with its own sensors, fixes and start; ``more``: fields of the task."""
+    kwargs = {"profile": name}
+    ranked = {"rank_by": rank_by, **more}
+    return _fields("SINS/NavFlight-v0", f"flight-{name}-v0", what, source, azimuth_deg, level_arcsec, kwargs, **ranked)
+
+
 DEFINITIONS: tuple[Fields, ...] = (
     _sway(
         "sway-white-v0",
@@ -106,5 +115,66 @@ DEFINITIONS: tuple[Fields, ...] = (
         90.0,
         {"recording": "rlg_parked_car.npz", "window": [0.0, 300.0], "stride": 150.0, "coarse": 90.0},
         windows=7,
+    ),
+    _flight(
+        "sun2012",
+        "900 s at 2 m/s, told attitude wrong by 3/3/10 deg (1 sigma), GPS 1 Hz; heading is hardly observable",
+        "001",
+        2.3,
+        110.0,
+        "azimuth",
+    ),
+    _flight(
+        "sun2012-fixed",
+        "flight-sun2012 as printed: the same misalignment and biases in every run, + 1 sigma",
+        "001",
+        2.3,
+        110.0,
+        "azimuth",
+    ),
+    _flight(
+        "sun2012-physical",
+        "flight-sun2012 as an aircraft could fly it: 40 m/s, coordinated turns",
+        "001",
+        0.3,
+        130.0,
+        "azimuth",
+    ),
+    _flight(
+        "lu-gauss",
+        "600 s at 110 m/s with orbits at 30 deg bank, GPS 10 Hz; scored from 100 s on",
+        "003",
+        0.1,
+        20.0,
+        "position",
+        score_from_s=100.0,
+    ),
+    _flight(
+        "lu-mixture",
+        "flight-lu-gauss with a GPS of which 20 % of the fixes have 10 times the variance",
+        "003",
+        0.1,
+        20.0,
+        "position",
+        score_from_s=100.0,
+    ),
+    _flight(
+        "zhao2010",
+        "500 s at 60 m/s, IMU noise that swells and fades and has a mean, told as constant; fixed start errors",
+        "002 ex. 3",
+        0.1,
+        60.0,
+        "position",
+    ),
+    *(
+        _flight(
+            f"hotstart{spread[2]}",
+            f"300 s at 40 m/s with one turn, told attitude wrong by {'/'.join(map(str, spread))} deg (1 sigma)",
+            "flight.md 7",
+            0.4,
+            190.0,
+            "failures",
+        )
+        for spread in ((5, 5, 30), (10, 10, 60), (20, 20, 90))
     ),
 )

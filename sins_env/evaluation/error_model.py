@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import attitude, earth
-from sins_env.envs.world import SwayWorld
+from sins_env.envs.world import SimulatedWorld
 from sins_env.evaluation.fisher import fix_noise
 from sins_env.evaluation.tasks import EvaluationTask
 from sins_env.specs import DEG, DEG_PER_H, UG, ImuSpec
@@ -46,6 +46,7 @@ STEP_RAD, STEP_M = 1e-4, 100.0  #: of central differences in latitude and height
 class Truth(NamedTuple):
     """Some epochs of some runs."""
 
+    first: int  #: how many epochs went before
     C: Array  #: (runs, epochs, 3, 3) C_nb, mean over the epoch
     force: Array  #: (runs, epochs, 3) m/s^2 in n, mean
     vel: Array  #: (runs, epochs, 3) m/s, mean
@@ -60,7 +61,7 @@ def true_motion(task: EvaluationTask, public: Task, runs: int) -> Iterator[Truth
     h = public.epoch_s
     env: Any = task.make(runs, epoch=0.5 * h, n_sub=1, reveal_truth=True)
     _, info = task.reset(env, range(runs))
-    world: SwayWorld = env.unwrapped.episode.world
+    world: SimulatedWorld = env.unwrapped.episode.world
     model = earth.get(public.site.earth)
     last = [info["truth"][name][:, None] for name in ("q_nb", "vel", "pos")]
     for first in range(0, public.num_epochs, CHUNK_EPOCHS):
@@ -72,7 +73,7 @@ def true_motion(task: EvaluationTask, public: Task, runs: int) -> Iterator[Truth
         C = attitude.to_dcm(q)
         mean = [x[:, :-2:2] / 6 + x[:, 1:-1:2] * (2 / 3) + x[:, 2::2] / 6 for x in (C, vel, pos)]
         force = (vel[:, 2::2] - vel[:, :-2:2]) / h + _apparent(model, mean[1], mean[2])
-        yield Truth(mean[0], force, mean[1], mean[2], C[:, 2::2], motion.rate_eb_b[:, 1::2], fix)
+        yield Truth(first, mean[0], force, mean[1], mean[2], C[:, 2::2], motion.rate_eb_b[:, 1::2], fix)
     env.close()
 
 
@@ -112,14 +113,12 @@ def _biases(imu: ImuSpec) -> list[_Bias]:
 class ErrorModel:
     """The dynamics of a world's errors, what its fixes tell of them, and what is known at the start."""
 
-    def __init__(self, settings: Any, public: Task) -> None:
-        imu, gps, prior = settings.imu_true, settings.gps_true, public.prior
-        self.epoch_s, self.earth = public.epoch_s, earth.get(public.site.earth)
-        self.lever = np.asarray(gps.lever_arm_m)
-        biases = _biases(imu)
-        self.biases = [(slice(9 + 3 * i, 12 + 3 * i), kind) for i, kind in enumerate(biases)]
-        std, drive = np.zeros((2, 9 + 3 * len(biases)))
-        known = settings.start == "told"
+    def __init__(self, world: SimulatedWorld) -> None:
+        imu, gps, prior, site = world.imu.spec, world.gps.spec, world.task.prior, world.task.site
+        self.epoch_s, self.earth, self.lever = world.task.epoch_s, earth.get(site.earth), np.asarray(gps.lever_arm_m)
+        self.biases = [(slice(9 + 3 * i, 12 + 3 * i), kind) for i, kind in enumerate(_biases(imu))]
+        std, drive = np.zeros((2, 9 + 3 * len(self.biases)))
+        known = world.settings.start == "told"
         std[VEL] = prior.velocity_std_mps if known else UNKNOWN_VELOCITY_STD
         std[PHI] = np.asarray(prior.attitude_std_deg) * DEG if known else UNKNOWN_ATTITUDE_STD
         std[POS] = prior.position_std_m
@@ -127,14 +126,23 @@ class ErrorModel:
         for states, kind in self.biases:
             std[states] = kind.std
             drive[states] = 2 * kind.std**2 / kind.time_constant_s
-        self.travels = public.navigate
+        self.travels, self.script = world.task.navigate, world.imu.script
         self.states = np.array([j for j in range(len(std)) if self.travels or j not in HELD])
         self.rows = np.arange(6 if self.travels else 2)  #: of a fix: velocity, position
-        self.n = len(self.states)
-        self.P0, self.drive = np.diag(std[self.states] ** 2), np.diag(drive[self.states])  #: drive: white noise, per s
+        self.n, self.P0, self._drive = len(self.states), np.diag(std[self.states] ** 2), drive
         self.R = fix_noise(gps)[np.ix_(self.rows, self.rows)]
         order = [*range(3, 6), *([0, 1, 2, 6, 7, 8] if self.travels else [])]
         self.scored = np.searchsorted(self.states, order)  #: phi, or phi, velocity and position
+
+    def noise(self, truth: Truth, F: Array) -> Array:
+        """Q (runs, epochs, n, n): half of an epoch's white noise goes through F, half does not."""
+        count = F.shape[1]
+        drive = np.repeat(self._drive[None], count, axis=0)
+        for states, wave in ((VEL, self.script.accel_wave), (PHI, self.script.gyro_wave)):
+            if wave:
+                drive[:, states] *= wave.rms(truth.first, count, self.epoch_s)[:, None] ** 2
+        D = drive[:, self.states, None] * np.eye(self.n)
+        return 0.5 * self.epoch_s * (D + F @ D @ F.mT)
 
     def transitions(self, truth: Truth) -> Array:
         """F (runs, epochs, n, n): the exponential of the mean dynamics, to third order."""
