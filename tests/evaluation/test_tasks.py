@@ -20,6 +20,15 @@ DIGESTS = {
     "sway-heavytail-v0": "967585caaf2efde1",
     "sway-anyheading-v0": "e069acc635ced5fd",
     "rlg-car-v0": "2d69dc1955b9ca4f",
+    "flight-sun2012-v0": "524b1b52ba5d8cd6",
+    "flight-sun2012-fixed-v0": "bf9a58fab9da0acf",
+    "flight-sun2012-physical-v0": "e67812be9982a921",
+    "flight-lu-gauss-v0": "a165e82fcef2e32c",
+    "flight-lu-mixture-v0": "5e73dd2b04804fb6",
+    "flight-zhao2010-v0": "6192afc3f36589e5",
+    "flight-hotstart30-v0": "38541a52707bb829",
+    "flight-hotstart60-v0": "b557708e841160d8",
+    "flight-hotstart90-v0": "e6cb690f2c9b81fd",
 }
 SEED_0 = 1996661565137576703
 THRESHOLDS = {
@@ -32,6 +41,15 @@ THRESHOLDS = {
     "sway-heavytail-v0": (0.7, 70, 360, 0),
     "sway-anyheading-v0": (0.7, 70, 360, 0),
     "rlg-car-v0": (0.3, 90, 300, 90),
+    "flight-sun2012-v0": (2.3, 110, 900, 0),
+    "flight-sun2012-fixed-v0": (2.3, 110, 900, 0),
+    "flight-sun2012-physical-v0": (0.3, 130, 900, 0),
+    "flight-lu-gauss-v0": (0.1, 20, 600, 0),
+    "flight-lu-mixture-v0": (0.1, 20, 600, 0),
+    "flight-zhao2010-v0": (0.1, 60, 500, 0),
+    "flight-hotstart30-v0": (0.4, 190, 300, 0),
+    "flight-hotstart60-v0": (0.4, 190, 300, 0),
+    "flight-hotstart90-v0": (0.4, 190, 300, 0),
 }
 SIMULATED = [name for name in tasks.names() if not get_task(name).windows]
 
@@ -73,6 +91,33 @@ def test_digest_sees_small_changes(change):
     changed = dataclasses.replace(task, kwargs={**task.kwargs, **change})
     assert digest(changed) != digest(task)
     assert digest(dataclasses.replace(task, kwargs=dict(task.kwargs))) == digest(task)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"profile": "sun2012-physical"},  # another course from 100 s on
+        {"imu": {"arw_deg_sqrt_h": 0.1001}},
+        {"gps": {"pos_std_m": 10.01}},
+        {"gps": {"outages_s": [[505.0, 515.0]]}},
+        {"attitude_std_deg": [3.0, 3.0, 10.01]},
+        {"errors": "fixed"},
+    ],
+)
+def test_digest_of_a_flight_sees_small_and_late_changes(change):
+    task = get_task("flight-sun2012-v0")
+    assert digest(dataclasses.replace(task, kwargs={**task.kwargs, **change})) != DIGESTS[task.name]
+
+
+def test_digest_sees_where_a_flight_begins():
+    """A metre of height, or 1e-5 rad of latitude, in a field whose other numbers are hundreds of metres."""
+    task = get_task("flight-sun2012-v0")
+    flight = {"latitude_deg": 34.2, "longitude_deg": 108.9, "height_m": 380.0, "segments": [[30.0]]}
+    digests = {
+        digest(dataclasses.replace(task, kwargs={"profile": {**flight, **change}}))
+        for change in ({}, {"latitude_deg": 34.2006}, {"longitude_deg": 108.9006}, {"height_m": 381.0})
+    }
+    assert len(digests) == 4
 
 
 def test_seeds():
