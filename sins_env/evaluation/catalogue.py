@@ -126,7 +126,7 @@ DEFINITIONS: tuple[Fields, ...] = (
     ),
     _flight(
         "sun2012-fixed",
-        "flight-sun2012 as printed: the same misalignment and biases in every run, + 1 sigma",
+        "flight-sun2012 as printed: misalignment and biases are + 1 sigma in every run",
         "001",
         2.3,
         110.0,
