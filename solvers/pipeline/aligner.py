@@ -35,6 +35,7 @@ class Aligner(Integration):
 
     navigates = False
     feedback_default = "open"
+    coarse_default = "aided"
 
     def __init__(
         self,
@@ -44,7 +45,7 @@ class Aligner(Integration):
         bias_frame: str = "body",
         feedback: str | None = None,
         coordinates: str | None = None,
-        coarse: str = "aided",
+        coarse: str | None = None,
     ) -> None:
         errors: ErrorModel = AlignmentErrors(model, bias_frame)
         if coordinates_of(filter, coordinates) == "invariant":

@@ -33,7 +33,8 @@ class Integration(ABC):
 
     ``feedback``: "open" corrects the output alone, "closed" the INS after each fix; None: closed for a filter that says so.
     ``coordinates``: of the errors that the filter estimates, "euler" or "invariant" (:mod:`solvers.pipeline.invariant`); None: as
-    the filter says, else "euler". ``coarse`` is the method of the coarse phase (:mod:`solvers.pipeline.coarse`).
+    the filter says, else "euler". ``coarse`` is the method of the coarse phase (:mod:`solvers.pipeline.coarse`); None: the
+    one of this estimator.
 
     Raises:
         ValueError: an unknown setting.
@@ -41,14 +42,16 @@ class Integration(ABC):
 
     navigates: ClassVar[bool]  #: whether the answer, and the INS, has a position
     feedback_default: ClassVar[str]
+    coarse_default: ClassVar[str]
 
     def __init__(
-        self, filter: Filter[Any], errors: ErrorModel, feedback: str | None, coordinates: str | None, coarse: str
+        self, filter: Filter[Any], errors: ErrorModel, feedback: str | None, coordinates: str | None, coarse: str | None
     ) -> None:
         if feedback is None:
             feedback = getattr(filter, "feedback", self.feedback_default)
         if feedback not in FEEDBACK:
             raise unknown("feedback", feedback, FEEDBACK)
+        coarse = self.coarse_default if coarse is None else coarse
         coarse_methods.check_method(coarse)
         self.filter, self.errors = filter, errors
         self.feedback, self.coordinates, self.coarse = feedback, coordinates_of(filter, coordinates), coarse
@@ -65,6 +68,7 @@ class Integration(ABC):
         self._law = noise_law(task.gps)
         self._lever = np.asarray(task.gps.lever_arm_m) if any(task.gps.lever_arm_m) else None
         self._coarse: coarse_methods.Coarse | None = None
+        self._place: Array = np.full(3, np.nan)  # of the antenna, by the last fix of the coarse phase
         self._ins: StrapdownState | None = None
         self._bias: tuple[Array, Array] | None = (
             None  # of gyros and accelerometers per sample, taken from the increments
@@ -81,6 +85,7 @@ class Integration(ABC):
             self._begin(obs["dtheta"].shape[:-2])
         if self._coarse is not None:
             self._coarse.add(obs)
+            self._place = np.where(obs["gps_valid"] == 1, obs["gps_pos"], self._place)
             nav = self._first(obs, self._coarse.attitude())
             if self._k * self.task.epoch_s >= self.task.coarse_s - 1e-9 * self.task.epoch_s:
                 self._start_fine(nav)
@@ -129,13 +134,14 @@ class Integration(ABC):
         self._belief = self.filter.init(prior, self._rng)
 
     def _first(self, obs: Observation, q_nb: Array) -> NavState:
-        """The INS's state at the end of the coarse phase: velocity and position of the fix, or zero and the site."""
-        vel, pos, valid = obs["gps_vel"], obs["gps_pos"], obs["gps_valid"] == 1
+        """The INS's state at the end of the coarse phase: velocity of the fix, or zero; place of the last fix, or the site."""
+        vel, pos = obs["gps_vel"], self._place
         if self._lever is not None:
             about, offset = np.moveaxis(self._arm(obs, q_nb), -2, 0)
             vel, pos = vel - about, earth.displace(self._earth, pos, -offset)
         site = np.broadcast_to(self.task.site.pos, (*self._batch, 3))
-        return NavState(q_nb, vel * valid, np.where(valid, pos, site) if self.navigates else site)
+        pos = np.where(np.isnan(pos), site, pos) if self.navigates else site
+        return NavState(q_nb, vel * obs["gps_valid"], pos)
 
     def _fine(self, obs: Observation) -> NavState:
         assert self._ins is not None

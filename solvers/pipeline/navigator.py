@@ -20,7 +20,9 @@ class Navigator(Integration):
 
     ``feedback="closed"`` (the default) takes attitude, velocity, position and biases out of the INS after each fix, with the
     Jacobian of the reset; ``"open"`` corrects its output alone. Where the task does not tell a start it stands still for
-    ``coarse_s`` seconds: coarse alignment by the method ``coarse``, then navigation from the last fix, or from the site at rest.
+    ``coarse_s`` seconds: coarse alignment by the method ``coarse``, then navigation from the place of the last fix, or the site.
+    The default ``svd`` takes the vehicle at its word; on one that rocks on the spot, the velocities of the fixes, which
+    ``aided`` relies on, are noisier than that.
 
     Raises:
         ValueError: an unknown setting.
@@ -28,6 +30,7 @@ class Navigator(Integration):
 
     navigates = True
     feedback_default = "closed"
+    coarse_default = "svd"
 
     def __init__(
         self,
@@ -35,7 +38,7 @@ class Navigator(Integration):
         *,
         feedback: str | None = None,
         coordinates: str | None = None,
-        coarse: str = "aided",
+        coarse: str | None = None,
     ) -> None:
         super().__init__(filter, NavigationErrors(), feedback, coordinates, coarse)
 

@@ -21,6 +21,7 @@ class Pipeline:
     """The :class:`Aligner` around a filter or, for a task that navigates, the :class:`Navigator`; ``running`` is the one.
 
     The settings are theirs. ``feedback=None`` is open in alignment, closed in navigation, unless the filter says which;
+    ``coarse=None`` is "aided" in alignment, "svd" in navigation;
     ``model`` and ``bias_frame`` are of alignment alone.
 
     Raises:
@@ -35,7 +36,7 @@ class Pipeline:
         bias_frame: str = "body",
         feedback: str | None = None,
         coordinates: str | None = None,
-        coarse: str = "aided",
+        coarse: str | None = None,
     ) -> None:
         self.filter = filter
         shared: dict[str, Any] = {"feedback": feedback, "coordinates": coordinates, "coarse": coarse}
