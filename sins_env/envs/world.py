@@ -139,6 +139,8 @@ class SimulatedWorld(ChunkedWorld):
 
     def _begin(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> NavState:
         """Draw the motions; the true states at t = 0."""
+        if options:
+            raise checks.refused("reset options", options, "none in this environment")
         return self.trajectory.reset(rngs)
 
     @abstractmethod

@@ -309,6 +309,11 @@ BAD = [
 ]
 
 
+def test_a_reset_has_no_options():
+    with pytest.raises(ValueError, match=r"reset options = \{'window': 1\}; allowed: none in this environment"):
+        make().reset(seed=0, options={"window": 1})
+
+
 @pytest.mark.parametrize(("settings", "message"), BAD, ids=[str(b[0])[:50] for b in BAD])
 def test_bad_settings_are_one_clear_error(settings, message):
     with pytest.raises(ValueError) as error:  # noqa: PT011  the message is compared below

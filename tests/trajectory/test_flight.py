@@ -102,7 +102,7 @@ def test_position_is_the_integral_of_the_velocity(name):
     for segment, end in enumerate(plan.ends_s):
         x = solve_ivp(rate, (begin, end), x, args=(segment,), method="DOP853", rtol=1e-12, atol=1e-6).y[:, -1]
         truth = state.pos[round(end / 0.1) - 1]
-        assert_allclose(x, pymap3d.geodetic2ecef(*truth, deg=False), atol=2e-4)
+        assert_allclose(x, pymap3d.geodetic2ecef(*truth, deg=False), rtol=0, atol=1e-5)
         begin = end
     assert (np.abs(state.pos[:, 1]) <= np.pi).all()
     assert (np.abs(np.diff(state.pos[:, 1])) > 6).any() == (name == "wild")
