@@ -13,7 +13,8 @@ from sins_env.evaluation.error_model import ErrorModel, Truth, true_motion
 from sins_env.evaluation.fisher import fisher_factor
 from sins_env.specs import ARCSEC, GpsSpec
 from sins_env.types import NavState
-from solvers.pipeline.error_state import ACCEL_UNIT, GYRO_UNIT, AlignmentErrors
+from solvers.pipeline.epoch_map import ACCEL_UNIT, GYRO_UNIT
+from solvers.pipeline.error_state import AlignmentErrors
 from solvers.pipeline.strapdown import EpochMotion, Strapdown
 
 WHITE = get_task("sway-white-v0")
