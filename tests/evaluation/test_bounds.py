@@ -223,7 +223,11 @@ def test_dynamics_are_those_of_the_solvers_error_model(seed):
     F = model.transitions(part)[0, 0]
     h, T = public.epoch_s, earth.transport_matrix(model.earth, public.site.latitude, public.site.height)
     rate_ie = earth.rate_n(model.earth, public.site.latitude)
-    f = AlignmentErrors().transition(EpochMotion(h, C, h * force, vel, rate_ie, T @ vel, T), np.zeros((10, 10))).f
+    f = (
+        AlignmentErrors()
+        .transition(EpochMotion(h, C, h * force, vel, rate_ie, T @ vel, T, np.zeros(())), np.zeros((10, 10)))
+        .f
+    )
     units = np.array([1.0] * 5 + [ACCEL_UNIT] * 2 + [GYRO_UNIT] * 3)
     ours = np.array([0, 1, 2, 3, 4, 5, 6, 8, 9, 10])
     sigma = np.sqrt(np.diag(model.P0))[ours]

@@ -1,0 +1,321 @@
+"""The bound of flights: dynamics against nonlinear strapdown, noise and start against draws, filter against dense algebra."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from sins_env import attitude, earth
+from sins_env.evaluation import bounds, error_model, get_task, tasks
+from sins_env.evaluation.error_model import PHI, POS, VEL, ErrorModel, true_motion
+from sins_env.evaluation.fisher import fisher_factor
+from sins_env.evaluation.scoring import Criteria
+from sins_env.specs import ARCSEC, DEG, DEG_PER_H, UG, GpsSpec
+from sins_env.types import NavState
+from solvers.pipeline.strapdown import Strapdown
+
+GATE = 1e-5
+ACCEL, GYRO = slice(9, 12), slice(12, 15)
+FLIGHTS = [name for name in tasks.names() if name.startswith("flight")]
+FIXED = ("flight-sun2012-fixed-v0", "flight-zhao2010-v0")
+
+
+def flight(profile, **kwargs):
+    task = get_task(f"flight-{profile}-v0")
+    return dataclasses.replace(task, kwargs={**task.kwargs, **kwargs})
+
+
+def world_of(task, runs=1):
+    env = task.make(runs, reveal_truth=True)
+    _, info = task.reset(env, range(runs))
+    return env.unwrapped.episode.world, info
+
+
+# ---- the value ----
+
+
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_every_flight_has_a_bound(name):
+    """The thresholds are three times the bound at T, rounded up."""
+    task = get_task(name)
+    bound = task.bound()
+    assert bound.sigma.shape == (len(bound.t), 9)
+    assert bool(bound.holds) == (name not in FIXED)
+    assert bound.fits(Criteria.of(task, world_of(task)[0].task))
+    np.testing.assert_allclose(bound.final, bound.sigma[-1])
+    level, azimuth = bound.final[:2].max() / ARCSEC, bound.final[2] / DEG
+    assert task.delta_azimuth_deg == pytest.approx(math.ceil(3 * azimuth / 0.1) * 0.1)
+    assert task.delta_level_arcsec == math.ceil(3 * level / 10) * 10
+
+
+def test_golden_values():
+    """flight.md sections 0, 2, 5 and 7, another code: mean over time of the heading, at T, over the last 600 s; position."""
+
+    def heading(profile):
+        return flight(profile).bound().sigma[:, 2] / DEG
+
+    sun, physical = heading("sun2012"), heading("sun2012-physical")
+    assert (sun.mean(), sun[-1]) == (pytest.approx(1.85, abs=0.01), pytest.approx(0.74, abs=0.005))
+    assert physical[-600:].mean() == pytest.approx(0.103, abs=0.001)
+    for spread in (30, 60, 90):
+        assert heading(f"hotstart{spread}")[-1] == pytest.approx(0.108, abs=0.0005)
+    for profile, golden in (("lu-gauss", 0.4797), ("lu-mixture", 0.4797 / math.sqrt(0.7927))):
+        variance = np.square(flight(profile).bound().sigma[100:, 6:]).sum(axis=1)
+        assert np.sqrt(variance).mean() == pytest.approx(golden, rel=2e-3)
+
+
+def test_the_length_of_an_epoch_does_not_matter():
+    """A factor dt too much or too little would."""
+    short, long = (
+        bounds.compute(flight("hotstart30", epoch=epoch, n_sub=n)).final for epoch, n in ((0.1, 1), (0.5, 5))
+    )
+    np.testing.assert_allclose(long, short, rtol=2e-3)
+
+
+def test_fixes_that_are_not_gaussian_tell_less():
+    """As Gaussian ones of R / 0.7927, velocity and position alike."""
+    spread = 1 / math.sqrt(fisher_factor(GpsSpec(contamination=0.2), 6))
+    gps = {"vel_std_mps": 0.1 * spread, "pos_std_m": [10 * spread, 10 * spread, 3 * spread]}
+    mixed, plain = (bounds.compute(flight(*of, duration=80.0)) for of in (("lu-mixture",), ("lu-gauss",)))
+    wider = bounds.compute(flight("lu-gauss", gps=gps, duration=80.0))
+    np.testing.assert_allclose(mixed.sigma, wider.sigma, rtol=1e-9)
+    assert np.all(mixed.sigma > plain.sigma)
+    assert np.all(mixed.final[6:] > 1.11 * plain.final[6:])
+
+
+def test_an_outage_is_seen():
+    plain, outage = (
+        bounds.compute(flight("hotstart30", duration=150.0, **more)).sigma
+        for more in ({}, {"gps": {"outages_s": [[60.0, 120.0]]}})
+    )
+    np.testing.assert_allclose(outage[:60], plain[:60])
+    assert np.all(outage[119, 6:] > 3 * plain[119, 6:])
+    assert np.all(outage[130, 6:] < 2 * plain[130, 6:])
+
+
+@pytest.mark.parametrize("more", [{"imu": "perfect", "gps": "perfect"}, {"start": "unknown", "coarse": 50.0}])
+def test_odd_settings(more):
+    bound = bounds.compute(flight("sun2012", duration=130.0, **more))
+    assert bool(bound.holds) == ("start" not in more)
+    assert np.isfinite(bound.sigma).all()
+
+
+# ---- the dynamics ----
+
+
+def nonlinear(task, seconds, epoch, size=1e-3):
+    """Difference quotient of the noise-free strapdown with respect to every state's 1 sigma, (15, 15)."""
+    world, info = world_of(dataclasses.replace(task, kwargs={**task.kwargs, "epoch": epoch}))
+    start, site, model = info["truth"], world.task.site, ErrorModel(world)
+    sigma = np.sqrt(np.diag(model.P0))
+    x = size * sigma * np.concatenate([np.eye(15), -np.eye(15)])
+    q = attitude.multiply(attitude.from_rotvec(-x[:, PHI]), start["q_nb"])
+    pos = earth.displace(model.earth, start["pos"], x[:, POS])
+    ins = Strapdown(model.earth, epoch, 1, site.pos, hold_position=False)
+    state = ins.start(NavState(q, start["vel"] + x[:, VEL], pos))
+    motion = world.trajectory.chunk(0, round(seconds / epoch))
+    for k in range(motion.dtheta.shape[1]):
+        bias = epoch * x[:, None]
+        state, _ = ins.advance(state, motion.dtheta[0, k] + bias[..., GYRO], motion.dvel[0, k] + bias[..., ACCEL])
+    end, out = state.nav, np.diag(sigma)
+    q = attitude.multiply(end.q_nb[:15], attitude.conjugate(end.q_nb[15:]))
+    out[VEL] = (end.vel[:15] - end.vel[15:]).T / (2 * size)
+    out[PHI] = (-2 * np.sign(q[:, :1]) * q[:, 1:]).T / (2 * size)
+    truth = motion.state.pos[0, -1]
+    metres = [earth.offset(model.earth, truth, place) for place in (end.pos[:15], end.pos[15:])]
+    out[POS] = (metres[0] - metres[1]).T / (2 * size)
+    return out
+
+
+def linear(task, seconds, spoil=None):
+    """The product of F, columns scaled to 1 sigma."""
+    task = dataclasses.replace(task, kwargs={**task.kwargs, "duration": seconds})
+    world, _ = world_of(task)
+    model = ErrorModel(world)
+    product = np.diag(np.sqrt(np.diag(model.P0)))
+    for part in true_motion(task, world.task, 1):
+        F = model.transitions(part if spoil is None else spoil(model, part))[0]
+        for step in F if spoil is not _no_place else _without_place(F):
+            product = step @ product
+    return product
+
+
+def apart(a, b):
+    """The largest difference, each row in units of its largest entry."""
+    return np.max(np.abs(a - b) / np.abs(b).max(axis=1, keepdims=True))
+
+
+@pytest.fixture(scope="module")
+def quotients():
+    """At half the epoch: the strapdown's own error in the vertical channel is 2e-5 after 200 s, and falls with its square."""
+    return {name: (s, nonlinear(flight(name), s, 0.05)) for name, s in (("lu-gauss", 200.0), ("hotstart30", 120.0))}
+
+
+@pytest.mark.parametrize("name", ["lu-gauss", "hotstart30"])
+def test_dynamics_are_those_of_the_strapdown(quotients, name):
+    """Acceleration, roll and turn, at 40 and 110 m/s, every state and row; measured 5e-6 up, 3e-7 in the others."""
+    seconds, expected = quotients[name]
+    assert apart(linear(flight(name), seconds), expected) < GATE
+
+
+def _body_is_level(model, part):
+    return part._replace(C=np.broadcast_to(np.eye(3), part.C.shape))
+
+
+def _no_acceleration(model, part):
+    return part._replace(force=part.force * [0, 0, 1])
+
+
+def _rate_reversed(model, part):
+    model.earth = dataclasses.replace(model.earth, rate=-earth.EARTHS["wgs84"].rate)
+    return part
+
+
+def _at_the_start(model, part):
+    return part._replace(pos=np.broadcast_to([34 * DEG, 108 * DEG, 0.0], part.pos.shape))
+
+
+def _slow(model, part):
+    return part._replace(vel=0 * part.vel)
+
+
+def _no_place(model, part):
+    return part
+
+
+def _without_place(F):
+    F = F.copy()
+    F[:, :9, POS] = np.eye(9)[:, POS]
+    return F
+
+
+@pytest.mark.parametrize("spoil", [_body_is_level, _no_acceleration, _rate_reversed, _at_the_start, _slow, _no_place])
+def test_the_gate_sees_errors(quotients, spoil):
+    seconds, expected = quotients["lu-gauss"]
+    assert apart(linear(flight("lu-gauss"), seconds, spoil), expected) > GATE
+
+
+def test_sensitivity_to_a_lever_arm():
+    """H against differences of the antenna's velocity and position."""
+    task = flight("hotstart30", duration=80.0, gps={"lever_arm_m": [0.5, 1.0, 2.0]})
+    world, _ = world_of(task)
+    model = ErrorModel(world)
+    part = list(true_motion(task, world.task, 1))[-1]
+    C, rate = part.C_end[0, -1], part.rate_end[0, -1]
+
+    def antenna(x):
+        turned = attitude.to_dcm(attitude.from_rotvec(-x[PHI])) @ C
+        return np.concatenate([x[VEL] + turned @ np.cross(rate + x[GYRO], model.lever), x[POS] + turned @ model.lever])
+
+    step = 1e-4 * np.eye(15)
+    quotient = np.array([(antenna(x) - antenna(-x)) / 2e-4 for x in step]).T
+    np.testing.assert_allclose(model.sensitivity(part)[0, -1], quotient, atol=1e-7)
+
+
+# ---- noise and start ----
+
+
+def test_process_noise_is_what_the_sensors_draw():
+    """Noise that swells and fades, over 100 s of six sensors in 40 runs: within 4 standard errors, in four parts of the wave."""
+    runs, epochs = 40, 1000
+    world, _ = world_of(flight("zhao2010"))
+    world.reset([np.random.default_rng(run) for run in range(runs)], {})  # which measures nothing yet
+    model, motion = ErrorModel(world), world.trajectory.chunk(0, epochs)
+    h = world.task.epoch_s
+    truth = error_model.Truth(0, *[None] * 6, np.ones(epochs, dtype=bool))
+    Q = model.noise(truth, np.broadcast_to(np.eye(15), (1, epochs, 15, 15)))[0]
+    measured = world.imu.measure(motion.dtheta, motion.dvel)
+    for states, true, found, triad in (
+        (PHI, motion.dtheta, measured[0], world.imu.gyro),
+        (VEL, motion.dvel, measured[1], world.imu.accel),
+    ):
+        noise = (found - true)[:, :, 0] - h * triad.bias[:, None]
+        for part in np.split(np.arange(epochs), 4):
+            expected = np.trace(Q[part][:, states, states], axis1=1, axis2=2)
+            drawn = np.square(noise[:, part]).sum(axis=2).mean(axis=0)
+            error = math.sqrt(2 * np.square(expected).sum() / (3 * runs))
+            assert abs(drawn.sum() - expected.sum()) < 4 * error
+
+
+def test_process_noise_reaches_the_position():
+    """Of velocity's white noise S: [S h, S h^2 / 2] on velocity and position after an epoch, to first order in h^3."""
+    task = flight("lu-gauss", duration=1.0)
+    world, _ = world_of(task)
+    model = ErrorModel(world)
+    part = next(true_motion(task, world.task, 1))
+    Q = model.noise(part, model.transitions(part))[0, 0]
+    S, h = (50 * UG) ** 2, 0.1
+    np.testing.assert_allclose(np.diag(Q)[VEL], S * h, rtol=1e-4)
+    np.testing.assert_allclose(np.diag(Q[VEL, POS]), S * h**2 / 2, rtol=1e-4)
+    np.testing.assert_allclose(np.diag(Q)[PHI], (0.01 * DEG / 60) ** 2 * h, rtol=1e-4)
+    assert not Q[9:].any()
+
+
+@pytest.mark.parametrize("profile", ["lu-gauss", "sun2012", "hotstart60"])
+def test_start_covariance_is_that_of_the_draws(profile):
+    """Of 3000 runs: every variance within 5 standard errors, every correlation within 5."""
+    runs = 3000
+    world, info = world_of(flight(profile, duration=1.0), runs)
+    start, truth, model = info["start"], info["truth"], ErrorModel(world)
+    phi = attitude.misalignment(start["q_nb"], truth["q_nb"])
+    pos = earth.offset(model.earth, truth["pos"], start["pos"])
+    x = np.concatenate([start["vel"] - truth["vel"], phi, pos, world.imu.accel.bias, world.imu.gyro.bias], axis=1)
+    x = x / np.sqrt(np.diag(model.P0))
+    if profile == "hotstart60":
+        x = np.delete(x, [3, 4, 5], axis=1)  # headings beyond 180 deg wrap
+    drawn = x.T @ x / runs
+    np.testing.assert_array_less(np.abs(np.diag(drawn) - 1), 5 * math.sqrt(2 / runs))
+    np.testing.assert_array_less(np.abs(drawn - np.diag(np.diag(drawn))), 5 / math.sqrt(runs))
+
+
+# ---- the recursion ----
+
+
+def test_covariance_is_that_of_a_dense_least_squares_problem():
+    """The posterior of the last state from the joint covariance of start and noise: 80 s with a turn, lever arm, gap, outliers."""
+    K, h, share = 80, 1.0, GpsSpec(contamination=0.2)
+    gps = {"lever_arm_m": [0.5, 1.0, 2.0], "outages_s": [[30.0, 45.0]], "contamination": 0.2}
+    task = flight("hotstart30", duration=80.0, epoch=h, n_sub=10, gps=gps)
+    world, _ = world_of(task)
+    model = ErrorModel(world)
+    (part,) = true_motion(task, world.task, 1)
+    F, H, n = model.transitions(part)[0], model.sensitivity(part)[0], 15
+    white = np.diag([(100 * UG) ** 2] * 3 + [(0.1 * DEG / 60) ** 2] * 3 + [0.0] * 9)
+    std = [0.1] * 3 + [5 * DEG, 5 * DEG, 30 * DEG] + [10.0] * 3 + [1000 * UG] * 3 + [DEG_PER_H] * 3
+    joint = linalg.block_diag(np.diag(np.square(std)), *(h / 2 * (white + F[k] @ white @ F[k].T) for k in range(K)))
+    state, rows = np.eye(n, (K + 1) * n), []
+    for k in range(K):
+        state = F[k] @ state
+        state[:, (k + 1) * n : (k + 2) * n] += np.eye(n)
+        if not 30 < k + 1 <= 45:
+            rows.append(H[k] @ state)
+    M = np.concatenate(rows)
+    noise = np.tile([0.01] * 3 + [100.0] * 3, len(rows)) / fisher_factor(share, 6)
+    cross = state @ joint @ M.T
+    posterior = state @ joint @ state.T - cross @ linalg.solve(
+        M @ joint @ M.T + np.diag(noise), cross.T, assume_a="pos"
+    )
+    expected = np.sqrt(np.diag(posterior))[[3, 4, 5, 0, 1, 2, 6, 7, 8]]
+    np.testing.assert_allclose(bounds.compute(task).final, expected, rtol=1e-8)
+
+
+def test_units_do_not_matter():
+    """Why states are not scaled: not one bit changes where metres, m/s and rad become 2^-k of themselves."""
+    task = flight("hotstart30", duration=10.0)
+    world, _ = world_of(task)
+    model = ErrorModel(world)
+    unit = 2.0 ** np.array([-4] * 3 + [-8] * 3 + [3] * 3 + [-9] * 3 + [-20] * 3)
+    (part,) = true_motion(task, world.task, 1)
+    F, H = model.transitions(part)[0], model.sensitivity(part)[0]
+    Q = model.noise(part, F[None])[0]
+    P = model.P0
+    scaled = P / unit / unit[:, None]
+    for k in range(100):
+        P = F[k] @ P @ F[k].T + Q[k]
+        G = F[k] * unit / unit[:, None]
+        scaled = G @ scaled @ G.T + Q[k] / unit / unit[:, None]
+        if part.fix[k]:
+            P, scaled = bounds.correct(P, H[k], model.R), bounds.correct(scaled, H[k] * unit, model.R)
+    np.testing.assert_array_equal(scaled * unit * unit[:, None], P)
