@@ -23,7 +23,6 @@ from sins_env.specs import (
     COARSE_STD_DEG,
     DEG,
     DEG_PER_H,
-    DEG_PER_SQRT_H,
     PRIORS,
     UG,
     GpsSpec,
@@ -163,10 +162,17 @@ class FlightSettings(Timed):
 
 
 def coarse_std_deg(imu: ImuSpec, site: Site, coarse_s: float) -> tuple[float, ...]:
-    """1 sigma E, N, U after coarse alignment at rest: what the biases leave, the angle random walk adds to the heading,
-    and the general allowance of ``COARSE_STD_DEG``. equations.md G.1."""
+    """1 sigma E, N, U after coarse alignment at rest, the general allowance of ``COARSE_STD_DEG`` included.
+
+    The accelerometer bias tilts the level. The heading is that of the Earth's rate, which gyro bias and angle random walk
+    blur, seen as the drift of gravity in inertial space, whose slope over ``coarse_s`` the velocity random walk blurs.
+    equations.md G.1.
+    """
     model = earth.get(site.earth)
-    level = imu.accel_bias_ug * UG / float(earth.gravity(model, site.latitude, site.height))
-    rate = math.hypot(imu.gyro_bias_deg_h * DEG_PER_H, imu.arw_deg_sqrt_h * DEG_PER_SQRT_H / math.sqrt(coarse_s))
-    azimuth = rate / (model.rate * math.cos(site.latitude))
+    gravity = float(earth.gravity(model, site.latitude, site.height))
+    north = model.rate * math.cos(site.latitude)
+    level = imu.accel_bias_ug * UG / gravity
+    gyros = math.hypot(imu.gyro_bias_deg_h * DEG_PER_H, imu.arw / math.sqrt(coarse_s))
+    slope = math.sqrt(12.0 / coarse_s**3) * imu.vrw / gravity
+    azimuth = math.hypot(gyros / north, slope / north, level * math.tan(site.latitude))
     return tuple(math.hypot(a, b / DEG) for a, b in zip(COARSE_STD_DEG, (level, level, azimuth), strict=True))

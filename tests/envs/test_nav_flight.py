@@ -7,6 +7,7 @@ from gymnasium.utils.env_checker import check_env
 from numpy.testing import assert_allclose, assert_array_equal
 from oracles.courses import actions_of, leaves, play
 
+import solvers
 from sins_env import attitude, earth
 from sins_env.specs import DEG_PER_H, UG
 from sins_env.trajectory.profiles import PROFILES
@@ -278,9 +279,28 @@ def test_an_unknown_start_stands_still_and_is_told_what_coarse_alignment_leaves(
     assert env.task.coarse_s == 100.0
     # 1000 ug; 1 deg/h and 0.1 deg/sqrt(h) over 100 s against 15.04 deg/h cos(34.2 deg); 0.1, 0.1, 2 deg besides
     level = np.degrees(1e-3 * 9.80665 / 9.796)
-    azimuth = np.degrees(np.hypot(1.0, 0.1 / np.sqrt(100 / 3600)) / (15.041 * np.cos(np.radians(34.2))))
-    expected = np.hypot([0.1, 0.1, 2.0], [level, level, azimuth])
+    gyros = np.degrees(np.hypot(1.0, 0.1 / np.sqrt(100 / 3600)) / (15.041 * np.cos(np.radians(34.2))))
+    # a line fitted to 100 s of a gravity that swings by 15.04 deg/h cos(34.2 deg), in noise of 100 ug/sqrt(Hz)
+    t = np.arange(0.05, 100, 0.1)
+    slope = 100e-6 / np.sqrt(0.1) / np.sqrt(np.sum((t - 50) ** 2)) / (7.292115e-5 * np.cos(np.radians(34.2)))
+    parts = [gyros, np.degrees(slope), level * np.tan(np.radians(34.2))]
+    expected = np.hypot([0.1, 0.1, 2.0], [level, level, np.linalg.norm(parts)])
     assert_allclose(env.task.prior.attitude_std_deg, expected, rtol=1e-3)
+
+
+@pytest.mark.parametrize(("profile", "share"), [("sun2012", 1.0), ("zhao2010", 0.7)])
+def test_what_is_told_after_coarse_alignment_is_what_comes_out(profile, share):
+    """The heading of 200 runs; in the flight of Zhao the noise is at its told size for moments only, its mean square half of it."""
+    env = vector(200, profile=profile, start="unknown", coarse=50.0, duration=51.0)
+    obs, _ = env.reset(seed=0)
+    task = env.unwrapped.task
+    solver = solvers.make("ekf")
+    solver.reset(task, list(np.random.default_rng(0).spawn(200)), 200)
+    for _ in range(500):
+        obs, _, _, _, info = env.step(solver.step(obs))
+    rms = np.degrees(np.sqrt(np.mean(info["errors"]["phi"] ** 2, axis=0))) / task.prior.attitude_std_deg
+    assert rms[2] == pytest.approx(share, rel=0.2)  # four standard errors, and the general allowance
+    assert (rms[:2] < 1.1).all()
 
 
 BAD = [
