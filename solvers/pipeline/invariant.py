@@ -13,6 +13,7 @@ xi -> A xi exactly, with A independent of the motion (Barrau & Bonnabel 2017, th
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ Array = NDArray[np.float64]
 Maps = tuple[Function, Callable[[Array], Array]]
 
 COORDINATES = ("euler", "invariant")
+SCALE = 0.1  #: of errors, for the steps of numerical Jacobians: a thousandth of a degree, 1e-5 m/s and m
+NOTHING = 1e-9  #: the size of errors up to which they are zero for a Jacobian: what rounding leaves after a reset
 SMALL = 1e-4  #: squared angle below which series are used
 
 
@@ -72,27 +75,54 @@ class Invariant(Euler):
     def transition(self, tr: Transition, before: NavState, after: NavState) -> Transition:
         a, b = self.at(before), self.at(after)
         D = b.slope(tr.Q.shape[-1])
-        return tr._replace(f=lambda xi: b.invariant(tr.f(a.errors(xi))), Q=D @ tr.Q @ D.mT)
+        return tr._replace(f=Through(a, tr.f, b), Q=D @ tr.Q @ D.mT)
 
     def measurement(self, me: Measurement, nav: NavState) -> Measurement:
-        chart = self.at(nav)
-        return me._replace(h=lambda xi: me.h(chart.errors(xi)))
+        return me._replace(h=Through(self.at(nav), me.h))
 
     def errors(self, xi: Array, nav: NavState) -> Array:
         return self.at(nav).errors(xi)
 
     def gaussian(self, xi: Gaussian, nav: NavState) -> Gaussian:
-        mean, J = tangent(self.at(nav).errors, xi.mean, np.zeros_like(xi.mean))
-        return Gaussian(mean, J @ xi.cov @ J.mT)
+        chart = self.at(nav)
+        J = chart.errors_slope(xi.mean)
+        return Gaussian(chart.errors(xi.mean), J @ xi.cov @ J.mT)
 
     def reset(self, maps: Maps, before: NavState, after: NavState) -> Maps:
         """xi -> log(Exp(-xi_hat) Exp(xi)) and its Jacobian."""
-        a, b = self.at(before), self.at(after)
+        g = Through(self.at(before), Jacobian(*maps), self.at(after))
+        return g, g.jacobian
 
-        def g(xi: Array) -> Array:
-            return b.invariant(maps[0](a.errors(xi)))
 
-        return g, lambda xi: tangent(g, xi, np.zeros_like(xi))[1]
+@dataclass(frozen=True)
+class Jacobian:
+    """A function that knows its Jacobian."""
+
+    g: Function
+    jacobian: Callable[[Array], Array]
+
+    def __call__(self, x: Array) -> Array:
+        return self.g(x)
+
+
+@dataclass(frozen=True)
+class Through:
+    """xi -> g(x of xi), as xi again where ``after`` is given; the Jacobian by the chain rule."""
+
+    before: Chart
+    g: Function
+    after: Chart | None = None
+
+    def __call__(self, xi: Array) -> Array:
+        y = self.g(self.before.errors(xi))
+        return y if self.after is None else self.after.invariant(y)
+
+    def jacobian(self, xi: Array) -> Array:
+        """(..., m, n) at xi (..., n)."""
+        x = self.before.errors(xi)
+        y, J = tangent(self.g, x, np.full_like(x, SCALE))
+        J = J @ self.before.errors_slope(xi)
+        return J if self.after is None else self.after.invariant_slope(y) @ J
 
 
 class Chart:
@@ -108,6 +138,15 @@ class Chart:
     def invariant(self, x: Array) -> Array:
         """xi (..., n) of x (..., n)."""
         return self._planes(x, self._invariant)
+
+    def errors_slope(self, xi: Array) -> Array:
+        """d x / d xi (..., n, n); closed form at zero, where a closed loop keeps its filter."""
+        n = xi.shape[-1]
+        return _slope(self.errors, xi, 2.0 * np.eye(n) - self.slope(n))  # (I + N)^-1 = I - N
+
+    def invariant_slope(self, x: Array) -> Array:
+        """d xi / d x (..., n, n)."""
+        return _slope(self.invariant, x, self.slope(x.shape[-1]))
 
     def slope(self, n: int) -> Array:
         """d xi / d x at zero (..., n, n)."""
@@ -152,6 +191,14 @@ class Chart:
             eta = value - turned(theta, value - X[rows], -a1, a2)
             out[rows] = turned(theta, eta, 0.5, c)
         return out
+
+
+def _slope(g: Function, x: Array, at_zero: Array) -> Array:
+    """The Jacobian (..., n, n) of g at x: ``at_zero`` in the runs where x is nothing."""
+    away = np.abs(x).max(axis=-1) > NOTHING
+    if not away.any():
+        return at_zero
+    return np.where(away[..., None, None], tangent(g, x, np.full_like(x, SCALE))[1], at_zero)
 
 
 def turned(theta: Array, y: Array, a: Array | float, b: Array) -> Array:

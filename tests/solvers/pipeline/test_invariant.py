@@ -137,3 +137,6 @@ def test_covariance_comes_back_as_it_went_in():
     back = coordinates.gaussian(coordinates.prior(x, nav), nav)
     np.testing.assert_allclose(back.mean, 0.0, atol=1e-12)
     np.testing.assert_allclose(back.cov, x.cov, rtol=1e-6, atol=1e-6)
+    for left in (1e-17, 1e-8):  # what rounding leaves of a mean, and a little more
+        near = coordinates.gaussian(coordinates.prior(x, nav)._replace(mean=x.mean + left), nav)
+        np.testing.assert_allclose(near.cov, x.cov, rtol=1e-6, atol=1e-6)
