@@ -105,7 +105,7 @@ class Vehicle:
         angles = q[..., :3]  # (rows, times, derivatives, heading pitch roll)
         angles[..., 2] += q[..., 3]
         angles[:, :, 0, 1:] += self._parked[rows, None]
-        shift = np.stack([-car.UPPER_AXIS_M * q[..., 3], np.zeros(q.shape[:-1]), q[..., 4]], axis=-1)
+        shift = np.stack([-car.UPPER_AXIS_M * q[..., 3], q[..., 5], q[..., 4]], axis=-1)
         C = attitude.to_dcm(attitude.from_euler(*np.moveaxis(angles[:, :, 0], -1, 0)))
         rate = attitude.body_rate(angles[:, :, 0], angles[:, :, 1])
         swung = np.cross(rate, self._lever)
