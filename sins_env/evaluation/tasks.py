@@ -44,6 +44,7 @@ class EvaluationTask:
     hold_s: float = 60.0  #: how long an error must stay within its threshold until the end
     suite_seed: int = 0
     windows: int = 0  #: of a recording: run i is window i; 0 where runs are drawn
+    records: int = 0  #: of a simulation (headings, scenes): run i draws its own of record i, modulo their number
     score_from_s: float = 0.0  #: from where the time means of a navigation task count, s from switch-on
     rank_by: str = "azimuth"  #: what ranks a navigation task: "azimuth", "position", "velocity" or "failures"
 
@@ -90,6 +91,8 @@ class EvaluationTask:
     ) -> tuple[Any, dict[str, Any]]:
         """Reset ``env`` (one row per run) to these runs of the suite; observation 1 and the start's info."""
         options = {"window": list(runs)} if self.windows else None
+        if self.records:
+            options = {"record": [run % self.records for run in runs]}
         seeds: Any = [run_seed(self, run, suite_seed) for run in runs]
         return env.reset(seed=seeds, options=options)
 

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from sins_env import attitude
 from sins_env.evaluation import digest, get_task, tasks
 from sins_env.evaluation.tasks import EvaluationTask, run_seed, solver_rng, suite_hash
 
@@ -29,6 +30,8 @@ DIGESTS = {
     "flight-hotstart30-v0": "38541a52707bb829",
     "flight-hotstart60-v0": "b557708e841160d8",
     "flight-hotstart90-v0": "e6cb690f2c9b81fd",
+    "vehicle-v0": "0da1285c86438ffd",
+    "static8-v0": "517bec60e1f27b00",
 }
 SEED_0 = 1996661565137576703
 THRESHOLDS = {
@@ -50,6 +53,8 @@ THRESHOLDS = {
     "flight-hotstart30-v0": (0.4, 190, 300, 0),
     "flight-hotstart60-v0": (0.4, 190, 300, 0),
     "flight-hotstart90-v0": (0.4, 190, 300, 0),
+    "vehicle-v0": (0.3, 90, 300, 90),
+    "static8-v0": (0.3, 90, 300, 90),
 }
 SIMULATED = [name for name in tasks.names() if not get_task(name).windows]
 
@@ -118,6 +123,24 @@ def test_digest_sees_where_a_flight_begins():
         for change in ({}, {"latitude_deg": 34.2006}, {"longitude_deg": 108.9006}, {"height_m": 381.0})
     }
     assert len(digests) == 4
+
+
+def test_runs_of_records_go_round_with_draws_of_their_own():
+    """vehicle-v0: run i is record i modulo 30, ten at each heading of 000 chapter 6; static8-v0: eight headings."""
+    vehicle, static = get_task("vehicle-v0"), get_task("static8-v0")
+    for task, runs, headings in (
+        (vehicle, (0, 9, 10, 29, 30, 40), (149.4, 149.4, -28.8, -26.3, 149.4, -28.8)),
+        (static, (0, 1, 7, 8, 9), (0.0, 45.0, -45.0, 0.0, 45.0)),
+    ):
+        env = task.make(len(runs), reveal_truth=True)
+        obs, info = task.reset(env, runs)
+        heading = attitude.to_euler(attitude.to_dcm(info["truth"]["q_nb"]))[0]
+        np.testing.assert_allclose(np.degrees(heading), headings, atol=1e-9)
+        assert len(np.unique(obs["dtheta"][:, 0, 0])) == len(runs)
+        assert len(task.kwargs["heading_deg"]) == task.records
+        assert task.max_runs is None
+    scenes = vehicle.kwargs["events"]
+    assert scenes == ["doors"] * 10 + ["rocking"] * 2 + ["people"] * 18
 
 
 def test_seeds():
