@@ -21,7 +21,8 @@ from threadpoolctl import threadpool_limits
 from sins_env import attitude, earth
 from sins_env.memory import keep_freed_memory
 from solvers.filters import make_filter
-from solvers.pipeline.error_state import ACCEL_UNIT, GYRO_UNIT, AlignmentErrors
+from solvers.pipeline.epoch_map import ACCEL_UNIT, GYRO_UNIT
+from solvers.pipeline.error_state import AlignmentErrors
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Gaussian, Linear, Measurement
 

@@ -52,9 +52,10 @@ class Timed:
 class SimulationSettings(Timed):
     """What the simulated bases share; JSON-able values only.
 
-    ``duration`` s includes ``coarse`` s. None: coarse is COARSE_S for an unknown start and 0 for a told one, the fine
-    phase lasts FINE_S. ``imu``, ``gps``: a preset's name or a dict of fields. ``misalignment_deg``: three fixed values,
-    or None for a draw from the prior. ``any_heading`` draws the told heading over the circle, and tells so.
+    ``duration`` s includes ``coarse`` s. None: coarse is 120 s (a car 90 s) for an unknown start and 0 for a told one, the
+    fine phase lasts 360 s (a car 210 s). ``imu``, ``gps``: a preset's name or a dict of fields. ``misalignment_deg``: three
+    fixed values, or None for a draw from the prior. ``any_heading`` draws the told heading over the circle, and tells so.
+
     ``heading_deg`` None draws the mean heading over the circle per run; a list of headings makes as many records, of which
     ``reset(options={"record": i})`` picks one (without it each run's seed draws one; in the vector environment a list with
     one index per row, or the index of the first row).

@@ -152,9 +152,10 @@ def _environment(env_id: str, console: Console) -> bool:
     console.print(f"[bold]{env_id}[/]  {escape(_of_environment(env_id))}\n", highlight=False)
     module: Any = inspect.getmodule(cls)
     settings = [value for key, value in vars(module).items() if key.endswith("Settings")][-1]  # its own, after its base
-    for paragraph in (inspect.getdoc(settings) or "").split("\n\n"):
-        if not paragraph.startswith("Raises"):
-            console.print(escape(_prose(paragraph)) + "\n", highlight=False)
+    for base in filter(dataclasses.is_dataclass, inspect.getmro(settings)):
+        for paragraph in inspect.cleandoc(base.__doc__ or "").split("\n\n"):
+            if not paragraph.startswith("Raises"):
+                console.print(escape(_prose(paragraph)) + "\n", highlight=False)
     table = _table("keyword arguments", "name", "default")
     for field in dataclasses.fields(settings):
         table.add_row(field.name, escape(repr(field.default)))

@@ -11,7 +11,7 @@ from sins_env.envs.rendering import sensor_floor
 from sins_env.evaluation import bounds, get_task, tasks
 from sins_env.evaluation.error_model import ErrorModel, Truth, true_motion
 from sins_env.evaluation.fisher import fisher_factor
-from sins_env.specs import ARCSEC, GpsSpec
+from sins_env.specs import ARCSEC, DEG, GpsSpec
 from sins_env.types import NavState
 from solvers.pipeline.epoch_map import ACCEL_UNIT, GYRO_UNIT
 from solvers.pipeline.error_state import AlignmentErrors
@@ -97,6 +97,23 @@ def test_every_task_of_the_swaying_base_has_a_bound(name):
     assert 2.7 < task.delta[2] / bound.final[2] < 4
     assert 3 < task.delta[0] / bound.final[0] < 3.8
     assert bound.fits(bounds.Criteria.of(task, world_of(task)[0]))
+
+
+def test_a_bound_over_records_is_one_over_their_headings():
+    """Thresholds of static8 are set by definition, and its start is unknown: the bound is but a reference."""
+    task = get_task("static8-v0")
+    bound = task.bound()
+    assert not bound.holds
+    env = task.make(16, reveal_truth=True)
+    seen = attitude.to_euler(attitude.to_dcm(task.reset(env, range(16))[1]["truth"]["q_nb"]))[0]
+    assert len(np.unique(np.round(np.degrees(seen)))) == 8
+    assert 300 * ARCSEC < bound.final[2] < 0.3 * DEG
+    assert 15 * ARCSEC < bound.final[0] < 90 * ARCSEC
+
+
+def test_no_bound_where_the_fixes_are_the_statement_that_the_car_stands():
+    """Their error is the car's own motion, no white noise of a stated size."""
+    assert get_task("vehicle-v0").bound() is None
 
 
 def test_what_is_told_does_not_matter():
