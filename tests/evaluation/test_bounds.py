@@ -114,6 +114,12 @@ def test_a_bound_over_records_is_one_over_their_headings():
 def test_no_bound_where_the_fixes_are_the_statement_that_the_car_stands():
     """Their error is the car's own motion, no white noise of a stated size."""
     assert get_task("vehicle-v0").bound() is None
+    parked = {"imu": "rlg-car", "n_sub": 10, "duration": 60.0}
+    still, car = (
+        bounds.compute(variant(env_id, **parked, gps="dgps", **more), 2)
+        for env_id, more in (("SINS/AlignStatic-v0", {}), ("SINS/AlignVehicle-v0", {"events": "quiet"}))
+    )
+    np.testing.assert_allclose(car.sigma, still.sigma, rtol=1e-3)  # it has a receiver then; parked askew
 
 
 def test_what_is_told_does_not_matter():
