@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import argparse
 import getpass
+import importlib
 import json
 import math
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from rich.console import Console
 
 from sins_env.errors import unknown
-from sins_env.evaluation import commands
 from sins_env.evaluation.outcome import RunFailed
 from sins_env.memory import keep_freed_memory
 
@@ -103,35 +103,32 @@ def _several(parser: argparse.ArgumentParser, *flags: str, **settings: Any) -> N
 
 
 def parser() -> argparse.ArgumentParser:
-    """The whole grammar; each verb's function is its default ``go``."""
+    """The whole grammar; each verb's function, as module:name, is its default ``go``."""
     about = "Which filter aligns a strapdown inertial system fastest?"
     top = _Parser(prog="sins-env", description=about, epilog=CODES)
     verbs = top.add_subparsers(dest="verb", metavar="VERB", parser_class=_Parser)
 
-    def verb(
-        name: str, go: Callable[[argparse.Namespace, Console], int], text: str, epilog: str | None = None
-    ) -> argparse.ArgumentParser:
+    def verb(name: str, go: str, text: str, epilog: str | None = None) -> argparse.ArgumentParser:
         sub = verbs.add_parser(name, help=text, description=text, epilog=epilog)
         sub.set_defaults(go=go)
         return sub
 
-    verb("list", commands.list_all, "environments, tasks, solvers and presets")
+    verb("list", "listing:list_all", "environments, tasks, solvers and presets")
 
-    sub = verb(
-        "describe", commands.describe, "what is known of an environment, task, solver, preset, flight or recording"
-    )
+    text = "what is known of an environment, task, solver, preset, flight or recording"
+    sub = verb("describe", "listing:describe", text)
     sub.add_argument("name", metavar="NAME")
     sub.add_argument("--allan", metavar="FILE", help="draw the Allan deviation of an IMU preset or a recording")
     sub.add_argument("--plot", metavar="FILE", help="draw a flight: a profile by name, or a YAML or JSON file")
 
-    sub = verb("run", commands.run, "one episode, with its final errors and a figure", _RUN_CODES)
+    sub = verb("run", "commands:run", "one episode, with its final errors and a figure", _RUN_CODES)
     sub.add_argument("task", metavar="TASK")
     sub.add_argument("solver", metavar="SOLVER")
     sub.add_argument("--run", type=_number, default=0, metavar="N", help="which run of the suite (default 0)")
     sub.add_argument("--plot", metavar="FILE", help="draw the errors over time")
     sub.add_argument("--traceback", action="store_true", help="show where the solver raised")
 
-    sub2 = verb("eval", commands.evaluate, "many runs of solvers on tasks, into a results file", _EVAL_CODES)
+    sub2 = verb("eval", "commands:evaluate", "many runs of solvers on tasks, into a results file", _EVAL_CODES)
     _several(sub2, "--task", required=True, help="one task or several")
     _several(sub2, "--solver", required=True, help="names, or module:Factory")
     sub2.add_argument("--runs", type=_count, default=100, metavar="N", help="default 100; a recording has its windows")
@@ -146,7 +143,7 @@ def parser() -> argparse.ArgumentParser:
         longest = "a run has failed if one call of the solver takes longer, s (default: no limit)"
         each.add_argument("--timeout", type=_positive, metavar="S", help=longest)
 
-    sub = verb("board", commands.board, "the ranked table of a results file")
+    sub = verb("board", "stored:board", "the ranked table of a results file")
     _several(sub, "--task", help="these tasks only")
     _several(sub, "--solver", help="these solvers only")
     form = sub.add_mutually_exclusive_group()
@@ -154,7 +151,7 @@ def parser() -> argparse.ArgumentParser:
         form.add_argument(f"--{name}", dest="form", action="store_const", const=name)
     sub.add_argument("--plot", metavar="FILE", help="draw errors over time and success against the threshold")
     sub3 = verb(
-        "report", commands.report, "the results of a file as one HTML page: tables, figures, failures, provenance"
+        "report", "stored:report", "the results of a file as one HTML page: tables, figures, failures, provenance"
     )
     sub3.add_argument("--html", required=True, metavar="FILE", help="where to write it")
     _several(sub3, "--task", help="these tasks only")
@@ -163,18 +160,18 @@ def parser() -> argparse.ArgumentParser:
         each.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
 
     text = "two solvers on the same runs: ratio of RMS, success and time, with intervals"
-    sub = verb("compare", commands.compare, text)
+    sub = verb("compare", "stored:compare", text)
     sub.add_argument("task", metavar="TASK")
     sub.add_argument("solver", metavar="SOLVER")
     sub.add_argument("reference", metavar="SOLVER")
     sub.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
 
-    sub = verb("export", commands.export, "every run of a results file with all its scores")
+    sub = verb("export", "stored:export", "every run of a results file with all its scores")
     form = sub.add_mutually_exclusive_group(required=True)
     for name in ("csv", "json", "parquet"):
         form.add_argument(f"--{name}", metavar="FILE")
 
-    sub2 = verb("verify", commands.verify, "run random rows of a results file again and compare", _VERIFY_CODES)
+    sub2 = verb("verify", "stored:verify", "run random rows of a results file again and compare", _VERIFY_CODES)
     sub2.add_argument("--rows", type=_count, default=20, metavar="N", help="how many (default 20)")
     sub2.add_argument("--seed", type=_seed, metavar="N", help=_SEED_HELP)
     sub2.add_argument(
@@ -186,14 +183,16 @@ def parser() -> argparse.ArgumentParser:
         _several(each, "--solver", help="these solvers only")
         each.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
 
-    sub = verb("suite-hash", commands.suite, "the hash of a secret suite seed, to be published first", _SUITE)
+    sub = verb("suite-hash", "stored:suite", "the hash of a secret suite seed, to be published first", _SUITE)
     sub.add_argument("--seed", type=_seed, default="-", metavar="N", help="default: - reads it from standard input")
 
-    sub = verb("check", commands.check, "hold an estimator against the contract")
+    sub = verb("check", "commands:check", "hold an estimator against the contract")
     sub.add_argument("solver", metavar="NAME|module:Factory")
     sub.add_argument("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting")
 
-    sub = verb("replay", commands.replay, "a solver on windows of any recording: heading, pitch, roll and their spread")
+    sub = verb(
+        "replay", "converting:replay", "a solver on windows of any recording: heading, pitch, roll and their spread"
+    )
     sub.add_argument("recording", metavar="FILE", help="of any format, or the mapping (.json) of one")
     sub.add_argument("solver", metavar="SOLVER")
     whole = "s on the recording's clock (default: all of it); may be repeated"
@@ -208,7 +207,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting")
     sub.add_argument("--plot", metavar="FILE", help="draw heading, pitch, roll and their spread")
 
-    sub = verb("convert", commands.convert, "a recording in another format", _FORMATS)
+    sub = verb("convert", "converting:convert", "a recording in another format", _FORMATS)
     sub.add_argument("source", metavar="IN")
     sub.add_argument("target", metavar="OUT")
     sub.add_argument("--format", metavar="NAME", help="of IN, where its ending does not say it")
@@ -220,7 +219,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--velocity-from-positions", action="store_true", help="for fixes without velocities")
     sub.add_argument("--force", action="store_true", help="overwrite OUT")
 
-    sub = verb("bench", commands.bench, "speed of the whole chain and of its parts")
+    sub = verb("bench", "commands:bench", "speed of the whole chain and of its parts")
     sub.add_argument("solver", metavar="SOLVER", nargs="?", default="ckf")
     sub.add_argument("--task", default="sway-white-v0", metavar="NAME")
     sub.add_argument(
@@ -263,7 +262,9 @@ def _run(arguments: list[str]) -> int:
     if not arguments[0].startswith("-") and arguments[0] not in verbs:
         raise unknown("command", arguments[0], verbs)
     given = top.parse_args(arguments)
-    return int(given.go(given, _Console(soft_wrap=not sys.stdout.isatty() and "COLUMNS" not in os.environ)))
+    module, _, name = given.go.partition(":")
+    go = getattr(importlib.import_module(f"sins_env.evaluation.{module}"), name)  # what the other verbs need stays out
+    return int(go(given, _Console(soft_wrap=not sys.stdout.isatty() and "COLUMNS" not in os.environ)))
 
 
 def _say(message: str, code: int) -> int:

@@ -51,8 +51,7 @@ def rms_intervals(rms: Array) -> list[tuple[float, Interval]]:
     """The same for every column of (R, c), in one go."""
     squares = np.square(rms)
     top = resampling.units_of(squares)
-    bottom = resampling.units_of(np.ones((len(rms), 1)))
-    ends = resampling.root_interval(resampling.resampled(top), resampling.resampled(bottom), top, bottom)
+    ends = resampling.root_interval(top, resampling.resampled(top), *resampling.sizes(len(rms)))
     values = np.sqrt(squares.mean(axis=0))
     return [(float(value), (float(low), float(high))) for value, (low, high) in zip(values, ends, strict=True)]
 

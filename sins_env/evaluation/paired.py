@@ -136,7 +136,7 @@ def paired_ratio(records: Records, reference: Records, at_end: bool = False, axi
 
 def _ratio(top: Array, bottom: Array, drawn_top: Array, drawn_bottom: Array) -> Estimate:
     """Of columns (units, 1) with their resampled sums (RESAMPLES, 1)."""
-    ((low, high),) = resampling.root_interval(drawn_top, drawn_bottom, top, bottom)
+    ((low, high),) = resampling.root_interval(top, drawn_top, bottom, drawn_bottom)
     with np.errstate(divide="ignore", invalid="ignore"):
         value = float(np.sqrt(top.sum() / bottom.sum()))
     return value, (float(low), float(high))

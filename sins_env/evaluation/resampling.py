@@ -50,12 +50,19 @@ def resampled(units: Array) -> Array:
     return _counts(len(units), RESAMPLES) @ units
 
 
-def root_interval(drawn_top: Array, drawn_bottom: Array, top: Array, bottom: Array) -> Array:
+@lru_cache(maxsize=8)
+def sizes(runs: int) -> tuple[Array, Array]:
+    """How many runs are in each unit (units, 1), and in each resample (RESAMPLES, 1)."""
+    units = units_of(np.ones((runs, 1)))
+    return units, resampled(units)
+
+
+def root_interval(top: Array, drawn_top: Array, bottom: Array, drawn_bottom: Array) -> Array:
     """BCa intervals of sqrt(sum top / sum bottom): (c, 2); NaN for a single unit, or where nothing is known.
 
     Args:
-        drawn_top, drawn_bottom: resampled sums, (RESAMPLES, c).
         top, bottom: what was resampled, (units, c); not negative.
+        drawn_top, drawn_bottom: resampled sums, (RESAMPLES, c).
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         all_top, all_bottom = top.sum(axis=0), bottom.sum(axis=0)
@@ -73,7 +80,10 @@ def bca(drawn: Array, value: Array, without: Array) -> Array:
     """
     size = len(drawn)
     drawn = np.sort(drawn.T, axis=1)  # NaN last: those columns give NaN
-    below = (drawn < value[:, None]).sum(axis=1) + 0.5 * (drawn == value[:, None]).sum(axis=1)
+    ends = (
+        (np.searchsorted(row, v, "left"), np.searchsorted(row, v, "right")) for row, v in zip(drawn, value, strict=True)
+    )
+    below = np.array([0.5 * (first + last) for first, last in ends])  # ties count half
     away = without.mean(axis=0) - without
     with np.errstate(divide="ignore", invalid="ignore"):
         bias = special.ndtri(below / size)[:, None]

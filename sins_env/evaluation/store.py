@@ -235,7 +235,7 @@ class Store:
         with self._errors():
             found = [Key(*row) for row in self._db.execute(sql)]
         latest = {(key.task, key.suite, key.solver, key.settings): key for key in found}
-        return [k for k in latest.values() if (not tasks or k.task in tasks) and (not solvers or k.solver in solvers)]
+        return [key for key in latest.values() if key.among(tasks, solvers)]
 
     def results(self, key: Key, runs: Container[int] | None = None, whole: bool = True) -> Results:
         """The runs of a solver (those in ``runs``, or all) as :func:`evaluate` returns them.
@@ -245,7 +245,9 @@ class Store:
         where = " AND ".join(f"{name} = ?" for name in KEY[:-1])
         with self._errors():
             sql = f"SELECT {', '.join(numbers_of(whole))} FROM runs WHERE {where} ORDER BY run"
-            numbers = [row for row in self._db.execute(sql, key.values) if runs is None or row[0] in runs]
+            numbers = self._db.execute(sql, key.values).fetchall()
+            if runs is not None:
+                numbers = [row for row in numbers if row[0] in runs]
             sql = f"SELECT run, status, reason, traceback FROM runs WHERE {where} AND (status <> 'ok' OR reason <> '')"
             odd = {run: texts for run, *texts in self._db.execute(sql, key.values)}
             blobs = self._histories(where, key, runs) if whole else None

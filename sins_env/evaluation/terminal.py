@@ -37,7 +37,7 @@ class _Column:
     """A column of the terminal's table."""
 
     heading: str
-    cell: Callable[[int, Results], RenderableType]  #: of rank and results
+    cell: Callable[[int, Results], Text]  #: of rank and results
     part: str = ""  #: by which it is left out where the terminal is narrow
 
 
@@ -86,14 +86,14 @@ def _columns(results: Sequence[Results], less: Sequence[str]) -> list[_Column]:
     """Those right of the solver."""
     level_ci = _LESS[0] not in less
 
-    def rms(axis: str, interval: bool = True) -> Callable[[int, Results], RenderableType]:
-        def cell(_: int, one: Results) -> RenderableType:
+    def rms(axis: str, interval: bool = True) -> Callable[[int, Results], Text]:
+        def cell(_: int, one: Results) -> Text:
             s = one.summary
             return _stacked(angle(s.rms[axis]), angle_interval(s.rms_ci[axis]) if interval else "")
 
         return cell
 
-    def time(_: int, one: Results) -> RenderableType:
+    def time(_: int, one: Results) -> Text:
         return _stacked(seconds(one.summary.t_conv_median_s), seconds_interval(one.summary.t_conv_ci_s))
 
     out = [
@@ -116,20 +116,21 @@ def _table(lines: Sequence[tuple[int, Results]], columns: Sequence[_Column], wid
     """The table, and how wide the names of the solvers may be in it."""
     cells = [[column.cell(rank, one) for column in columns] for rank, one in lines]
 
-    def build(rows: Sequence[Sequence[RenderableType]]) -> Table:
+    def build(rows: Sequence[Sequence[Text]]) -> Table:
         out = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), collapse_padding=True)
         out.add_column("#", justify="right", no_wrap=True)
         out.add_column("solver", overflow="fold")
         for column in columns:
             out.add_column(column.heading, justify="right", no_wrap=True)
-        for row in rows:
-            out.add_row(*row)
+        out.add_row(*_together(rows))
         return out
 
     console = Console(width=10_000, color_system=None)
     name = max(_longest(one, fold=False) for _, one in lines)
     widest = [max(column, key=_width) for column in zip(*cells, strict=True)]  # one row stands for all: far faster
-    whole = Measurement.get(console, console.options, build([[str(len(lines)), "x" * name, *widest]])).maximum
+    whole = Measurement.get(
+        console, console.options, build([[Text(str(len(lines))), Text("x" * name), *widest]])
+    ).maximum
     room = width - (whole - name)
     fits = max(min(room, MOST_NAME), 1)
     return build(
@@ -137,7 +138,22 @@ def _table(lines: Sequence[tuple[int, Results]], columns: Sequence[_Column], wid
     ), room
 
 
-def _width(cell: RenderableType) -> int:
+def _together(rows: Sequence[Sequence[Text]]) -> list[Text]:
+    """One cell for each column, with the lines of all its rows: many times faster than a cell for each."""
+    heights = [max(str(cell).count("\n") for cell in row) for row in rows]
+    padded = (
+        [_padded(cell, height) for cell, height in zip(column, heights, strict=True)]
+        for column in zip(*rows, strict=True)
+    )
+    return [Text("\n").join(column) for column in padded]
+
+
+def _padded(cell: Text, breaks: int) -> Text:
+    missing = breaks - cell.plain.count("\n")
+    return cell if not missing else Text.assemble(cell, "\n" * missing)
+
+
+def _width(cell: Text) -> int:
     return max(cell_len(line) for line in str(cell).split("\n"))
 
 
