@@ -10,7 +10,7 @@ from sins_env.evaluation.episode import Course, run_episode
 from sins_env.evaluation.metrics import Summary
 from sins_env.evaluation.monte_carlo import Results, evaluate
 from sins_env.evaluation.paired import Comparison, compare
-from sins_env.evaluation.scoring import Records
+from sins_env.evaluation.records import Records
 from sins_env.evaluation.tasks import TASKS, EvaluationTask, digest, get_task
 
 __all__ = [

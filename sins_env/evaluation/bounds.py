@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from sins_env.envs.world import SimulatedWorld
 from sins_env.evaluation import cache
+from sins_env.evaluation.criteria import Criteria
 from sins_env.evaluation.error_model import ErrorModel, true_motion
-from sins_env.evaluation.scoring import Criteria
 from sins_env.evaluation.tasks import EvaluationTask, digest
 from sins_env.gps import ZeroVelocity
 

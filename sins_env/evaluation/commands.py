@@ -23,7 +23,7 @@ from sins_env.evaluation.executors import Processes, check_executor, runner
 from sins_env.evaluation.guard import EstimatorError
 from sins_env.evaluation.outcome import RunFailed, check_plot, remark, save_figure, titled
 from sins_env.evaluation.progress import Bar
-from sins_env.evaluation.scoring import Records
+from sins_env.evaluation.records import Records
 from sins_env.evaluation.store import Key, Store, canonical
 from sins_env.evaluation.tasks import EvaluationTask, get_task, suite_hash
 from sins_env.specs import ARCSEC, DEG

@@ -19,9 +19,11 @@ from numpy.typing import NDArray
 from sins_env import attitude, types
 from sins_env.envs.episode import failed_epochs
 from sins_env.evaluation import registry
+from sins_env.evaluation.criteria import Criteria
 from sins_env.evaluation.guard import EstimatorError, Guard
 from sins_env.evaluation.isolation import Isolated, check_timeout
-from sins_env.evaluation.scoring import Criteria, Records, Scorer, nees
+from sins_env.evaluation.records import Records
+from sins_env.evaluation.scoring import Scorer, nees
 from sins_env.evaluation.tasks import EvaluationTask, get_task, is_scored, run_numbers, solver_rng
 
 Array = NDArray[np.float64]

@@ -29,7 +29,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sins_env.errors import unknown
 from sins_env.evaluation.episode import Job, run_job
-from sins_env.evaluation.scoring import Records
+from sins_env.evaluation.records import Records
 from sins_env.evaluation.spawning import CANNOT_START, interrupts_held, prepare
 
 T = TypeVar("T")

@@ -17,8 +17,9 @@ from scipy import special
 
 from sins_env.evaluation import resampling
 from sins_env.evaluation.bounds import Bound
+from sins_env.evaluation.criteria import NEES_AT
+from sins_env.evaluation.records import Records
 from sins_env.evaluation.resampling import CONFIDENCE, SEED
-from sins_env.evaluation.scoring import NEES_AT, Records
 from sins_env.specs import ARCSEC
 
 Array = NDArray[np.float64]

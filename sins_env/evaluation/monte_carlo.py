@@ -17,7 +17,7 @@ from sins_env.evaluation.episode import Job, lost_records
 from sins_env.evaluation.executors import Processes, Runner, runner
 from sins_env.evaluation.isolation import check_timeout
 from sins_env.evaluation.metrics import Summary, below_bound, bound_ratio, summarise_all
-from sins_env.evaluation.scoring import Records
+from sins_env.evaluation.records import Records
 from sins_env.evaluation.tasks import EvaluationTask, get_task, run_numbers, suite_hash
 
 #: simulated seconds done, and in all, summed over runs

@@ -20,7 +20,7 @@ from scipy import special
 from sins_env.evaluation import resampling
 from sins_env.evaluation.metrics import NO_INTERVAL, Interval
 from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.scoring import Records
+from sins_env.evaluation.records import Records
 
 Array = NDArray[np.float64]
 Estimate = tuple[float, Interval]  #: with its 95 % interval

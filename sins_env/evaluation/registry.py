@@ -187,7 +187,7 @@ def _module_name(solver: Solver) -> str:
 
 
 #: Parts of the evaluation that decide scores; an edit of the others does not make old results stale.
-_SCORING = ("tasks.py", "episode.py", "guard.py", "scoring.py")
+_SCORING = ("tasks.py", "episode.py", "guard.py", "criteria.py", "records.py", "scoring.py")
 
 
 def _sources(package: str) -> list[Path]:

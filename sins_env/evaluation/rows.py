@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env.evaluation.bounds import Bound
-from sins_env.evaluation.scoring import AXES, NEES_AT, Criteria, Records
+from sins_env.evaluation.criteria import AXES, NEES_AT, Criteria
+from sins_env.evaluation.records import Records
 from sins_env.evaluation.tasks import EvaluationTask
 
 Array = NDArray[np.float64]

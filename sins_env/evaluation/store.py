@@ -23,6 +23,7 @@ import numpy as np
 from sins_env.evaluation.bounds import Bound
 from sins_env.evaluation.cost import Cost
 from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.records import Records
 from sins_env.evaluation.rows import (
     COLUMNS,
     KEY,
@@ -43,7 +44,6 @@ from sins_env.evaluation.rows import (
     to_records,
     to_row,
 )
-from sins_env.evaluation.scoring import Records
 from sins_env.evaluation.tasks import EvaluationTask, digest, get_task
 
 APPLICATION_ID = 0x53494E53  #: "SINS"

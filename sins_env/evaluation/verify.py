@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from sins_env.evaluation import monte_carlo, registry
+from sins_env.evaluation.criteria import AXES, NEES_AT
 from sins_env.evaluation.executors import Runner
+from sins_env.evaluation.records import Records
 from sins_env.evaluation.rows import Key, binding, definition_text
-from sins_env.evaluation.scoring import AXES, NEES_AT, Records
 from sins_env.evaluation.store import Store
 from sins_env.evaluation.tasks import TASKS, digest, suite_hash
 

@@ -12,10 +12,11 @@ from rich.console import Console
 
 from sins_env.evaluation import board, plots, terminal
 from sins_env.evaluation.cost import Cost
+from sins_env.evaluation.criteria import Criteria
 from sins_env.evaluation.metrics import Nees, nees_band
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.outcome import save_figure
-from sins_env.evaluation.scoring import Criteria, score
+from sins_env.evaluation.scoring import score
 from sins_env.evaluation.tasks import get_task
 from sins_env.specs import ARCSEC
 

@@ -14,8 +14,9 @@ from rich.console import Console
 from scipy import stats
 
 from sins_env.evaluation import board, bounds, cache, evaluate, get_task, metrics, paired, plots, run_episode, terminal
+from sins_env.evaluation.criteria import Criteria
 from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.scoring import Criteria, score
+from sins_env.evaluation.scoring import score
 from sins_env.specs import ARCSEC
 
 TASK = get_task("sway-white-v0")

@@ -11,7 +11,7 @@ import pytest
 
 from sins_env.evaluation import evaluate, export
 from sins_env.evaluation.cli import main
-from sins_env.evaluation.scoring import AXES
+from sins_env.evaluation.criteria import AXES
 from sins_env.evaluation.store import Key, Store
 
 VECTORS = {"t_conv": "_s", "hold_max": "_rad", "steady_mean": "_rad", "steady_std": "_rad", "steady_rms": "_rad",

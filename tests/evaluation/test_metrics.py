@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from sins_env.evaluation import get_task, metrics, scoring
-from sins_env.evaluation.scoring import Criteria, Records, Scorer, score
+from sins_env.evaluation.criteria import Criteria
+from sins_env.evaluation.records import Records
+from sins_env.evaluation.scoring import Scorer, score
 from sins_env.specs import ARCSEC
 
 EPOCH, K, COARSE, HOLD = 0.1, 1000, 200, 30.0

@@ -19,7 +19,7 @@ from sins_env import attitude
 from sins_env.evaluation import Results, evaluate, get_task, registry, run_episode
 from sins_env.evaluation.executors import Processes
 from sins_env.evaluation.monte_carlo import chunks
-from sins_env.evaluation.scoring import Records
+from sins_env.evaluation.records import Records
 
 HERE = "evaluation.plugins:"
 

@@ -8,8 +8,9 @@ import pytest
 from scipy import stats
 
 from sins_env.evaluation import board, compare, metrics, paired, resampling
+from sins_env.evaluation.criteria import Criteria
 from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.scoring import Criteria, score
+from sins_env.evaluation.scoring import score
 from sins_env.evaluation.tasks import get_task
 from sins_env.specs import ARCSEC
 

@@ -14,7 +14,8 @@ import pytest
 from sins_env.evaluation import board, report, report_figures, report_tables, svg
 from sins_env.evaluation.cli import main
 from sins_env.evaluation.cost import Cost
-from sins_env.evaluation.scoring import Criteria, score
+from sins_env.evaluation.criteria import Criteria
+from sins_env.evaluation.scoring import score
 from sins_env.evaluation.store import Key, Store
 from sins_env.evaluation.tasks import get_task, suite_hash
 from sins_env.specs import ARCSEC, DEG

@@ -290,7 +290,8 @@ def test_settings_must_be_json():
 _WRITER = """
 import sys
 import numpy as np
-from sins_env.evaluation.scoring import Criteria, score
+from sins_env.evaluation.criteria import Criteria
+from sins_env.evaluation.scoring import score
 from sins_env.evaluation.store import Key, Store
 criteria = Criteria(0.1, 50, 0, np.ones(3), np.ones(3), 1.0)
 key = Key.of("sway-white-v0", "s", sys.argv[2], {}, "1")

@@ -228,8 +228,8 @@ def test_board_of_200_000_rows(capsys):
 
 
 def make_large_file(path, names, solvers, runs):
+    from sins_env.evaluation.criteria import Criteria
     from sins_env.evaluation.rows import COLUMNS, criteria_text
-    from sins_env.evaluation.scoring import Criteria
 
     rng = np.random.default_rng(0)
     sql = f"INSERT INTO runs ({', '.join(COLUMNS)}) VALUES ({', '.join('?' * len(COLUMNS))})"
