@@ -1,9 +1,4 @@
-"""The ranked table: its order, and its forms as Markdown, CSV and JSON (terminal.py draws it).
-
-Solvers stand in the order of their azimuth RMS. The first leads rank 1, and whoever cannot be told from the leader shares
-its rank: the interval of the ratio of their RMS, paired over the common runs, contains 1. The first that can be told
-apart leads the next rank. The RMS, not a convergence time, ranks: it hangs on no threshold.
-"""
+"""The ranked table in its forms as Markdown, CSV and JSON, and the words that all tables share (terminal.py draws it)."""
 
 from __future__ import annotations
 
@@ -15,23 +10,8 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from sins_env.evaluation.metrics import Interval, Summary
-from sins_env.evaluation.monte_carlo import Results, summarise
-from sins_env.evaluation.paired import Pairing
-
-
-def ranked(results: Iterable[Results]) -> list[tuple[int, Results]]:
-    """Solvers of one task with their ranks, the best first; where errors are not scored all tie, as they came."""
-    given = list(results)
-    summarise(given)
-    lines = sorted(given, key=lambda r: r.summary.rms["U"] if r.summary.scored else 0.0)
-    if not all(one.summary.scored for one in lines):
-        return [(1, one) for one in lines]
-    pairing, leader, ranks = Pairing(lines), 0, []
-    for i in range(len(lines)):
-        if i and pairing.apart(leader, i):
-            leader = i
-        ranks.append(leader + 1)
-    return list(zip(ranks, lines, strict=True))
+from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.ranking import ranked
 
 
 def by_task(results: Iterable[Results]) -> dict[tuple[str, str], list[Results]]:

@@ -60,7 +60,7 @@ def find(task: EvaluationTask) -> Bound | None:
 def _cached(task: EvaluationTask, identity: str) -> Bound | None:
     """Another world, another definition of the task or another formula: another name in the cache."""
     key = hashlib.sha256(f"{identity} {digest(task)}".encode())
-    for module in ("bounds.py", "error_model.py", "fisher.py", "scoring.py"):
+    for module in ("bounds.py", "error_model.py", "fisher.py", "criteria.py"):
         key.update(Path(__file__).with_name(module).read_bytes())
     name = f"bound-{key.hexdigest()[:32]}"
     kept = cache.load(name)

@@ -25,7 +25,6 @@ NEES_AT = (0.25, 0.5, 0.75, 1.0)  #: parts of the fine phase at which the consis
 STEADY_LEAST_S, STEADY_PART = 60.0, 0.2
 DIVERGED_SIGMAS = 10.0
 DIVERGED_UNKNOWN = np.radians([10.0, 10.0, 90.0])  #: limits E, N, U after an unknown start
-LOST_HEADING = np.radians(90.0)  #: told spread from which on the start may be anywhere
 MAX_HISTORY = 21_600  #: 6 h at 1 Hz; longer episodes are kept at a longer interval
 
 
@@ -41,7 +40,7 @@ class Criteria:
     hold_s: float
     known_start: bool = True
     scored: bool = True  #: False for a recording without a reference: there are no errors then
-    lost_heading: bool = False  #: a start within +-180 deg: the limit in azimuth holds in the steady state only
+    lost_heading: bool = False  #: a start that may be anywhere: the limit in azimuth holds in the steady state only
     navigates: bool = False
     span_from: int = 1  #: the first epoch over which the errors of a navigation task are averaged
     final_limit: float = math.inf  #: rad in azimuth at T beyond which a run has failed
@@ -52,7 +51,7 @@ class Criteria:
         limit = DIVERGED_SIGMAS * np.sqrt(np.diagonal(public.prior.P0))[: 9 if public.navigate else 3]
         if not known:
             limit[:3] = DIVERGED_UNKNOWN
-        lost_heading = bool(limit[2] >= DIVERGED_SIGMAS * LOST_HEADING)
+        lost_heading = bool(limit[2] >= math.pi)
         if lost_heading:
             limit[2] = DIVERGED_UNKNOWN[2]
         return cls(

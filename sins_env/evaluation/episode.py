@@ -23,12 +23,12 @@ from sins_env.evaluation.criteria import Criteria
 from sins_env.evaluation.guard import EstimatorError, Guard
 from sins_env.evaluation.isolation import Isolated, check_timeout
 from sins_env.evaluation.records import Records
-from sins_env.evaluation.scoring import Scorer, nees
+from sins_env.evaluation.scoring import Scorer, euler_errors, nees
 from sins_env.evaluation.tasks import EvaluationTask, get_task, is_scored, run_numbers, solver_rng
 
 Array = NDArray[np.float64]
 Tick = Callable[[int], None]  #: run-epochs done so far
-#: k, phi (R, 3) rad, sigma (R, 3) rad or None; called after each epoch
+#: k, errors (R, 3) rad or (R, 9) rad, m/s, m, and as many sigmas or None; called after each epoch
 Observer = Callable[[int, Array, Array | None], None]
 
 BLOCK_EPOCHS = 100  #: errors are scored in blocks of so many epochs
@@ -126,9 +126,8 @@ def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer 
     guard = estimator.guard(runs) if isinstance(estimator, Isolated) else Guard(estimator, runs)
     scorer = Scorer(criteria, runs)
     ask = {epoch: i for i, epoch in enumerate(criteria.nees_epochs)}
-    block, failed = np.empty((runs, BLOCK_EPOCHS, 3)), np.zeros((runs, BLOCK_EPOCHS), dtype=bool)
-    action, in_block = np.full((runs, 4), np.nan), 0
-    unknown = np.full((runs, 3), np.nan)
+    block = _Block(criteria, runs)
+    action = np.full((runs, 4), np.nan)
     outcome: dict[str, Any] = {}
     try:
         guard.reset(public, job.rngs())
@@ -136,32 +135,30 @@ def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer 
             action = guard.step(obs)
             P = guard.covariance() if k in ask or (observer and criteria.known_start) else None
             obs, _, _, _, info = env.step(action)
-            phi = info["errors"]["phi"] if criteria.scored else unknown
-            block[:, in_block], failed[:, in_block] = phi, info["failed"]
-            in_block += 1
+            errors = block.keep(action, info)
             if k in ask and P is not None:
-                scorer.nees[:, ask[k]] = nees(phi, P)
+                scorer.nees[:, ask[k]] = nees(errors[:, :3], P[:, :3, :3])
+                if criteria.navigates:
+                    scorer.nees_all[:, ask[k]] = nees(errors, P)
             if observer:
-                observer(k, phi, None if P is None else np.sqrt(np.abs(np.diagonal(P, axis1=-2, axis2=-1))))
-            if in_block == BLOCK_EPOCHS or k == criteria.num_epochs:
-                scorer.add(block[:, :in_block], failed[:, :in_block])
+                observer(k, errors, None if P is None else np.sqrt(np.abs(np.diagonal(P, axis1=-2, axis2=-1))))
+            if block.length == BLOCK_EPOCHS or k == criteria.num_epochs:
+                count = block.hand_over(scorer)
                 if done:
-                    done(runs * in_block)
-                in_block = 0
+                    done(runs * count)
         outcome["repairs"], outcome["fallbacks"], frozen = guard.health()
     except EstimatorError as error:
         if runs > 1:
             raise
         frozen = np.full(1, -1)
         action = np.full((1, 4), np.nan)  # its heading is none
-        at = (scorer.k + in_block + 1) * criteria.epoch_s
+        block.hand_over(scorer)
+        at = (scorer.k + 1) * criteria.epoch_s
         outcome |= {
             "status": np.array(["raised"]),
             "reason": (f"{error}, at {min(at, criteria.duration_s):.1f} s",),
         }
         outcome["traceback"] = (error.text,)
-        if in_block:
-            scorer.add(block[:, :in_block], failed[:, :in_block])
         scorer.fill()
     finally:
         env.close()
@@ -172,9 +169,41 @@ def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer 
     return _with_frozen(scorer.records(job.runs, **outcome), frozen)
 
 
+class _Block:
+    """Some epochs' errors on their way to the scorer: what is worked out from them is worked out for all at once."""
+
+    def __init__(self, criteria: Criteria, runs: int) -> None:
+        self.criteria, self.length = criteria, 0
+        self.errors = np.full((runs, BLOCK_EPOCHS, criteria.components), np.nan)
+        self.q_nb = np.empty((runs, BLOCK_EPOCHS, 4))
+        self.failed = np.zeros((runs, BLOCK_EPOCHS), dtype=bool)
+
+    def keep(self, action: Array, info: dict[str, Any]) -> Array:
+        """Take an epoch; its errors but for those of the Euler angles, (R, 3) or (R, 9), NaN without a reference."""
+        at, kinds = self.length, ("phi", "vel", "pos") if self.criteria.navigates else ("phi",)
+        now = self.errors[:, at, : 3 * len(kinds)]
+        if self.criteria.scored:
+            now[:] = np.concatenate([info["errors"][kind] for kind in kinds], axis=1)
+        self.failed[:, at], self.q_nb[:, at] = info["failed"], action[:, :4]
+        self.length += 1
+        return now.copy()
+
+    def hand_over(self, scorer: Scorer) -> int:
+        """Have these epochs scored, and begin again; how many they were."""
+        count, self.length = self.length, 0
+        errors, failed = self.errors[:, :count], self.failed[:, :count]
+        if count and self.criteria.navigates and self.criteria.scored:
+            q = np.where(failed[..., None], [1.0, 0.0, 0.0, 0.0], self.q_nb[:, :count])
+            errors[..., 9:] = euler_errors(q, errors[..., :3])
+            errors[failed] = self.criteria.worst
+        if count:
+            scorer.add(errors, failed)
+        return count
+
+
 def _heading(action: Array) -> Array:
     """(R,) rad of the last actions; NaN where they are no attitude."""
-    q = np.where(failed_epochs(action)[:, None], np.nan, action)
+    q = np.where(failed_epochs(action)[:, None], np.nan, action[:, :4])
     return attitude.to_euler(attitude.to_dcm(attitude.normalize(q)))[0]
 
 
@@ -210,8 +239,13 @@ class Course:
 
     records: Records
     t: NDArray[np.floating[Any]]  #: (K,) s
-    phi: Array  #: (K, 3) rad; NaN where the recording has no reference
-    sigma: Array  #: (K, 3) rad, the estimator's own; NaN where it states none
+    errors: Array  #: (K, 3) rad, or (K, 9) rad, m/s and m; NaN where the recording has no reference
+    sigma: Array  #: of the same shape, the estimator's own; NaN where it states none
+
+    @property
+    def phi(self) -> Array:
+        """(K, 3) rad."""
+        return self.errors[:, :3]
 
 
 def run_episode(
@@ -236,17 +270,17 @@ def run_episode(
     (run,) = run_numbers([run])
     task.check_runs(run + 1)
     check_timeout(epoch_timeout_s)
-    phis: list[Array] = []
+    kept: list[Array] = []
     sigmas: list[Array] = []
 
-    def keep(k: int, phi: Array, sigma: Array | None) -> None:
-        phis.append(phi[0].copy())
-        sigmas.append(np.full(3, np.nan) if sigma is None else sigma[0])
+    def keep(k: int, errors: Array, sigma: Array | None) -> None:
+        kept.append(errors[0])
+        sigmas.append(np.full(errors.shape[1], np.nan) if sigma is None else sigma[0])
         if observer:
-            observer(k, phi, sigma)
+            observer(k, errors, sigma)
 
     job = Job(task, solver, (run,), dict(settings or {}), seed, epoch_timeout_s)
     with _made(job) as estimator:
         records = play(job, estimator, observer=keep)
-    t = (1 + np.arange(len(phis))) * records.criteria.epoch_s
-    return Course(records, t, np.array(phis).reshape(-1, 3), np.array(sigmas).reshape(-1, 3))
+    t, width = (1 + np.arange(len(kept))) * records.criteria.epoch_s, 9 if records.criteria.navigates else 3
+    return Course(records, t, np.array(kept).reshape(-1, width), np.array(sigmas).reshape(-1, width))

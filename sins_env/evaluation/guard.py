@@ -40,6 +40,7 @@ class Guard:
         self.estimator, self.num_runs = estimator, num_runs
         self.batched = bool(estimator.batched)
         self.seconds, self.steps = 0.0, 0
+        self.navigate = False  #: what the task of the last reset asks for
 
     def _call(self, name: str, *args: Any) -> Any:
         try:
@@ -57,6 +58,7 @@ class Guard:
             raise EstimatorError(f"{name} raised {type(error).__name__}: {' '.join(str(error).split())}") from error
 
     def reset(self, task: types.Task, rngs: Sequence[np.random.Generator]) -> None:
+        self.navigate = task.navigate
         if self.batched:
             self._call("reset", task, rngs, self.num_runs)
         else:
@@ -64,18 +66,19 @@ class Guard:
             self._call("reset", replace(task, start=start), rngs[0], 1)
 
     def step(self, obs: Any) -> Array:
-        """(R, 4); only the estimator's own time is counted."""
+        """(R, 4), or (R, 10) of a navigation task; only the estimator's own time is counted."""
         if not self.batched:
             obs = {name: value[0] for name, value in obs.items()}
         begin = time.perf_counter()
         action = self._call("step", obs)
         self.seconds += time.perf_counter() - begin
         self.steps += 1
-        return self._array("step", action, 4)
+        return self._array("step", action, 10 if self.navigate else 4)
 
     def covariance(self) -> Array | None:
-        """(R, 3, 3) rad^2, or None where the estimator has none."""
-        return self._array("covariance", self._call("covariance"), 3, 3) if self._offers("covariance") else None
+        """(R, 3, 3) rad^2, or (R, 9, 9) of a navigation task; None where the estimator has none."""
+        n = 9 if self.navigate else 3
+        return self._array("covariance", self._call("covariance"), n, n) if self._offers("covariance") else None
 
     def _array(self, name: str, value: Any, *shape: int) -> Array:
         """A copy as float64: an estimator may use its buffer again."""

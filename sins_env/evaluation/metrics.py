@@ -9,88 +9,27 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
-from sins_env.evaluation import resampling
+from sins_env.evaluation import navigation
 from sins_env.evaluation.bounds import Bound
+from sins_env.evaluation.consistency import Nees, chi2_quantile, consistency
 from sins_env.evaluation.criteria import NEES_AT
+from sins_env.evaluation.navigation import Navigation
 from sins_env.evaluation.records import Records
-from sins_env.evaluation.resampling import CONFIDENCE, SEED
+from sins_env.evaluation.resampling import CONFIDENCE, NO_INTERVAL, SEED, Interval, median_interval, rms_intervals
 from sins_env.specs import ARCSEC
 
 Array = NDArray[np.float64]
-Interval = tuple[float, float]
-
-NO_INTERVAL: Interval = (math.nan, math.nan)
 TOGETHER = 64  #: solvers that are resampled together: what fits into memory
 BELOW = 1e-3  #: how often an estimator at the bound is called below it
-
-
-def median_interval(times: Array) -> tuple[float, Interval]:
-    """Median with its percentile-bootstrap interval; censored times are +inf. (R,) s.
-
-    Not BCa: its acceleration comes from leaving out one run, which says nothing of a median.
-    """
-    return float(np.median(times)), resampling.percentile_interval(resampling.resampled_medians(times))
 
 
 def restricted_mean(times: Array, horizon: float) -> float:
     """Mean of min(t, horizon), s: the mean time to alignment as far as the episode could show it."""
     return float(np.minimum(times, horizon).mean())
-
-
-def rms_interval(rms: Array) -> tuple[float, Interval]:
-    """RMS across runs of each run's RMS, with a 95 % BCa interval: none for one run, a point for equal ones. (R,)"""
-    return rms_intervals(rms[:, None])[0]
-
-
-def rms_intervals(rms: Array) -> list[tuple[float, Interval]]:
-    """The same for every column of (R, c), in one go."""
-    squares = np.square(rms)
-    top = resampling.units_of(squares)
-    ends = resampling.root_interval(top, resampling.resampled(top), *resampling.sizes(len(rms)))
-    values = np.sqrt(squares.mean(axis=0))
-    return [(float(value), (float(low), float(high))) for value, (low, high) in zip(values, ends, strict=True)]
-
-
-class Nees(NamedTuple):
-    """Mean over runs of e' P^-1 e at one time; 3 is consistent."""
-
-    t_s: float  #: from switch-on
-    mean: float
-    band: Interval  #: where 95 % of such means lie if the covariances are right
-    runs: int
-
-    @property
-    def inside(self) -> bool:
-        return self.band[0] <= self.mean <= self.band[1]
-
-
-def nees_band(runs: int, dof: int = 3) -> Interval:
-    """95 % band of the mean of ``runs`` chi-square values."""
-    tail = 0.5 * (1 - CONFIDENCE)
-    low, high = _chi2_quantile(np.array([tail, 1 - tail]), dof * runs) / runs
-    return float(low), float(high)
-
-
-def _chi2_quantile(part: Any, dof: int) -> Any:
-    """scipy.stats has it, too, but takes long to import."""
-    return 2 * special.gammaincinv(0.5 * dof, part)
-
-
-def consistency(records: Records) -> tuple[Nees, ...]:
-    """NEES at the task's times; empty where no covariance was reported or it is not scored."""
-    out = []
-    for epoch, values in zip(records.criteria.nees_epochs, records.nees.T, strict=False):
-        known = values[~np.isnan(values)]
-        if len(known):
-            t = epoch * records.criteria.epoch_s
-            out.append(Nees(t, float(known.mean()), nees_band(len(known)), len(known)))
-    return tuple(out)
 
 
 def success_profile(records: Records, points: int = 80) -> tuple[Array, Array, Array, Array]:
@@ -112,7 +51,7 @@ def success_profile(records: Records, points: int = 80) -> tuple[Array, Array, A
 def bound_ratio(records: Records, bound: Bound) -> dict[str, float]:
     """RMS over runs and the steady state, over the bound's in the same epochs."""
     rms = np.sqrt(np.square(records.steady_rms).mean(axis=0))
-    return _by_axis(rms / bound.steady)
+    return _by_axis(rms / bound.steady[:3])
 
 
 def below_bound(records: Records, bound: Bound) -> bool | None:
@@ -124,7 +63,7 @@ def below_bound(records: Records, bound: Bound) -> bool | None:
     if not bound.holds:
         return None
     squares = float(np.square(records.final[:, 2] / bound.final[2]).sum())
-    return squares < float(_chi2_quantile(BELOW, len(records)))
+    return squares < float(chi2_quantile(BELOW, len(records)))
 
 
 def known_headings(records: Records) -> Array:
@@ -164,6 +103,7 @@ class Summary:
     counts: dict[str, int]  #: of each failure: diverged, frozen, raised, lost, repaired
     fallbacks: float  #: per run: times that a safeguard replaced the solver's own rule; no failure
     scored: bool = True  #: False without a reference: times, success and errors are NaN
+    navigation: Navigation | None = None  #: where the task navigates
 
     @property
     def failures(self) -> int:
@@ -220,12 +160,13 @@ def _summary(records: Records, steady: Sequence[tuple[float, Interval]]) -> Summ
         rms=_by_axis([value / ARCSEC for value, _ in steady]),
         rms_ci={axis: _arcsec(ci) for axis, (_, ci) in zip("ENU", steady, strict=True)},
         rms_final=_by_axis(np.sqrt(np.square(records.final).mean(axis=0)) / ARCSEC),
-        nees=consistency(records),
+        nees=consistency(c, records.nees),
         spread_deg=math.degrees(heading_spread(headings)),
         spread_runs=len(headings),
         counts=failure_counts(records),
         fallbacks=float(records.fallbacks.mean()),
         scored=c.scored,
+        navigation=navigation.summarise(records) if c.navigates else None,
     )
 
 

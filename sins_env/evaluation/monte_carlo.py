@@ -17,6 +17,7 @@ from sins_env.evaluation.episode import Job, lost_records
 from sins_env.evaluation.executors import Processes, Runner, runner
 from sins_env.evaluation.isolation import check_timeout
 from sins_env.evaluation.metrics import Summary, below_bound, bound_ratio, summarise_all
+from sins_env.evaluation.navigation import bound_means
 from sins_env.evaluation.records import Records
 from sins_env.evaluation.tasks import EvaluationTask, get_task, run_numbers, suite_hash
 
@@ -55,6 +56,11 @@ class Results:
     def bound_ratio(self) -> dict[str, float]:
         """RMS over the bound by axis; NaN without one."""
         return bound_ratio(self.records, self.bound) if self.bound else dict.fromkeys("ENU", math.nan)
+
+    @cached_property
+    def bound_means(self) -> dict[str, float]:
+        """The bound of each ARMSE of a navigation task, by name (quantities.py); empty without a bound."""
+        return bound_means(self.records, self.bound) if self.bound and self.records.criteria.navigates else {}
 
     @cached_property
     def below_bound(self) -> bool | None:

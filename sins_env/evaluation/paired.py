@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sins_env.evaluation import resampling
-from sins_env.evaluation.metrics import NO_INTERVAL, Interval
+from sins_env.evaluation import quantities, resampling
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.records import Records
+from sins_env.evaluation.resampling import NO_INTERVAL, Interval
 
 Array = NDArray[np.float64]
 Estimate = tuple[float, Interval]  #: with its 95 % interval
@@ -38,15 +38,16 @@ class Comparison:
     a: str
     b: str
     runs: int  #: in common
-    ratio: Estimate  #: azimuth RMS of a over that of b, in the steady state
+    ratio: Estimate  #: RMS of a over that of b: of the azimuth in the steady state, or of what was asked for
     ratio_at_end: Estimate  #: the same at T
     success: Estimate  #: of a minus that of b
-    better: Estimate  #: probability that a has the smaller steady azimuth error in a run; ties count half
+    better: Estimate  #: probability that a has the smaller error over time in a run; ties count half
     median_s: Estimate  #: median time to alignment of a minus that of b, s; NaN where both are censored
+    score: str = "azimuth"
 
     @property
     def differ(self) -> bool:
-        """Whether the ranking criterion, the steady azimuth RMS, tells them apart."""
+        """Whether the ratio tells them apart."""
         return apart(self.runs, self.ratio[1])
 
     def __str__(self) -> str:
@@ -55,7 +56,7 @@ class Comparison:
             verdict += f" (fewer than {LEAST_RUNS} runs)"
         lines = (
             f"{self.a} against {self.b} on {self.task}, {self.runs} common run{'s' * (self.runs > 1)}: {verdict}",
-            f"  azimuth RMS, ratio         {_text(self.ratio, '.3f')}",
+            f"  {f'{self.score} RMS, ratio':<26} {_text(self.ratio, '.3f')}",
             f"  the same at the end        {_text(self.ratio_at_end, '.3f')}",
             f"  success, difference        {_text(self.success, '+.1%')}",
             f"  smaller error in a run     {_text(self.better, '.1%')}",
@@ -75,11 +76,14 @@ def apart(runs: int, ratio: Interval) -> bool:
     return runs >= LEAST_RUNS and (ratio[0] > 1 or ratio[1] < 1)
 
 
-def compare(a: Results, b: Results) -> Comparison:
+def compare(a: Results, b: Results, score: str | None = None) -> Comparison:
     """Solver ``a`` against solver ``b`` over the runs that both have.
 
+    Args:
+        score: what errors are compared in, by name (quantities.py); None is what the task ranks by, or azimuth.
+
     Raises:
-        ValueError: other tasks or suites, no run in common, or a task without a truth.
+        ValueError: no such score, other tasks or suites, no run in common, or a task without a truth.
     """
     if (a.task.name, a.suite) != (b.task.name, b.suite):
         given = ", ".join(f"{one.label} on {one.task.name} (suite {one.suite})" for one in (a, b))
@@ -88,18 +92,22 @@ def compare(a: Results, b: Results) -> Comparison:
         raise ValueError(f"{a.task.name} has no truth; allowed: tasks whose errors are scored")
     mine, its = common(a.records, b.records)
     x, y = a.records, b.records
-    errors = x.steady_rms[mine, 2], y.steady_rms[its, 2]
+    if score is None:
+        score = a.task.rank_by if a.task.rank_by in quantities.allowed(x.criteria.navigates) else "azimuth"
+    (errors, at_end), (its_errors, its_end) = (quantities.run_errors(r, score) for r in (x, y))
+    pair = errors[mine], its_errors[its]
     times = x.aligned_s[mine], y.aligned_s[its]
     return Comparison(
         task=a.task.name,
         a=a.label,
         b=b.label,
         runs=len(mine),
-        ratio=ratio_of_rms(*errors),
-        ratio_at_end=ratio_of_rms(x.final[mine, 2], y.final[its, 2]),
+        ratio=ratio_of_rms(*pair),
+        ratio_at_end=ratio_of_rms(at_end[mine], its_end[its]),
         success=difference_of_rates(*(np.isfinite(one) for one in times)),
-        better=probability_of_less(*errors),
+        better=probability_of_less(*pair),
         median_s=difference_of_medians(*times),
+        score=score,
     )
 
 
@@ -184,27 +192,32 @@ def _minus(a: Any, b: Any, both_censored: float) -> Any:
 
 
 class Pairing:
-    """Solvers of one task against each other, in azimuth, with one resampling for all that have the same runs."""
+    """Solvers of one task against each other, with one resampling for all that have the same runs.
 
-    def __init__(self, results: Sequence[Results]) -> None:
-        self.results = list(results)
-        runs = [one.records.run.tobytes() for one in self.results]
+    Args:
+        errors: of each solver, of its runs (R,).
+        intervals: of each solver, of its RMS, for those that have no run in common.
+    """
+
+    def __init__(self, results: Sequence[Results], errors: Sequence[Array], intervals: Sequence[Interval]) -> None:
+        self._runs = [one.records.run for one in results]
+        self._errors, self._intervals = errors, intervals
+        runs = [one.tobytes() for one in self._runs]
         usual = max(runs, key=runs.count, default=b"")
         self._place = {i: j for j, i in enumerate(i for i, one in enumerate(runs) if one == usual)}
         if self._place:
-            squares = np.stack([np.square(self.results[i].records.steady_rms[:, 2]) for i in self._place], axis=1)
+            squares = np.stack([np.square(errors[i]) for i in self._place], axis=1)
             self._units = resampling.units_of(squares)
             self._drawn = resampling.resampled(self._units)
 
     def apart(self, i: int, j: int) -> bool:
         """Whether two solvers differ: by pairs, or, without a common run, by intervals that do not overlap."""
-        a, b = self.results[i], self.results[j]
         if i in self._place and j in self._place:
             p, q = ([self._place[k]] for k in (i, j))
             found = _ratio(self._units[:, p], self._units[:, q], self._drawn[:, p], self._drawn[:, q])
-            return apart(len(a.records), found[1])
-        both = np.intersect1d(a.records.run, b.records.run, assume_unique=True)
+            return apart(len(self._runs[i]), found[1])
+        both, mine, its = np.intersect1d(self._runs[i], self._runs[j], assume_unique=True, return_indices=True)
         if len(both):
-            return apart(len(both), paired_ratio(a.records, b.records)[1])
-        one, other = a.summary.rms_ci["U"], b.summary.rms_ci["U"]
+            return apart(len(both), ratio_of_rms(self._errors[i][mine], self._errors[j][its])[1])
+        one, other = self._intervals[i], self._intervals[j]
         return one[1] < other[0] or other[1] < one[0]

@@ -9,6 +9,7 @@ BCa intervals: Efron (1987), doi 10.1080/01621459.1987.10478410; Efron and Tibsh
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -16,8 +17,10 @@ from numpy.typing import NDArray
 from scipy import special
 
 Array = NDArray[np.float64]
+Interval = tuple[float, float]
 
 CONFIDENCE = 0.95
+NO_INTERVAL: Interval = (math.nan, math.nan)
 RESAMPLES = 4999
 SEED = 20110607  #: a table is the same whenever it is made
 MOST_UNITS = 2000  #: more runs are drawn in so many blocks of them: runs are alike, so are the means of blocks
@@ -45,9 +48,9 @@ def units_of(columns: Array) -> Array:
     return np.add.reduceat(columns, np.arange(MOST_UNITS) * runs // MOST_UNITS, axis=0)
 
 
-def resampled(units: Array) -> Array:
-    """Resampled sums of (units, c): (RESAMPLES, c)."""
-    return _counts(len(units), RESAMPLES) @ units
+def resampled(units: Array, resamples: int = RESAMPLES) -> Array:
+    """Resampled sums of (units, c): (resamples, c), the first of RESAMPLES."""
+    return _counts(len(units), RESAMPLES)[:resamples] @ units
 
 
 @lru_cache(maxsize=8)
@@ -124,7 +127,29 @@ def resampled_medians(values: Array) -> Array:
     return 0.5 * (ordered[first] + ordered[second])
 
 
-def percentile_interval(drawn: Array) -> tuple[float, float]:
+def percentile_interval(drawn: Array) -> Interval:
     """Without interpolation, which would make inf - inf."""
     low, high = np.percentile(drawn, 100 * TAILS, method="inverted_cdf")
     return float(low), float(high)
+
+
+def median_interval(values: Array) -> tuple[float, Interval]:
+    """Median with its percentile-bootstrap interval; censored times are +inf. (R,).
+
+    Not BCa: its acceleration comes from leaving out one run, which says nothing of a median.
+    """
+    return float(np.median(values)), percentile_interval(resampled_medians(values))
+
+
+def rms_interval(rms: Array) -> tuple[float, Interval]:
+    """RMS across runs of each run's RMS, with a 95 % BCa interval: none for one run, a point for equal ones. (R,)"""
+    return rms_intervals(rms[:, None])[0]
+
+
+def rms_intervals(rms: Array) -> list[tuple[float, Interval]]:
+    """The same for every column of (R, c), in one go."""
+    squares = np.square(rms)
+    top = units_of(squares)
+    ends = root_interval(top, resampled(top), *sizes(len(rms)))
+    values = np.sqrt(squares.mean(axis=0))
+    return [(float(value), (float(low), float(high))) for value, (low, high) in zip(values, ends, strict=True)]

@@ -14,25 +14,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env.evaluation.bounds import Bound
-from sins_env.evaluation.criteria import AXES, NEES_AT, Criteria
+from sins_env.evaluation.criteria import AXES, COMPONENTS, NEES_AT, Criteria
 from sins_env.evaluation.records import Records
 from sins_env.evaluation.tasks import EvaluationTask
 
 Array = NDArray[np.float64]
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 KEY = ("task", "suite", "solver", "settings_hash", "code", "run")
 
 _VECTORS = ("t_conv", "hold_max", "steady_mean", "steady_std", "steady_rms", "final")
 _SCALARS = ("heading", "step_s")
 _TEXTS = ("status", "reason", "traceback")
-_COUNTS = ("run", "repairs", "fallbacks")
+_COUNTS = ("repairs", "fallbacks")
 #: Of a table, which is several times faster than all.
 _SHOWN = ("t_conv", "steady_rms", "final_u", "heading", "nees")
 _VECTOR_COLUMNS = [f"{name}_{axis.lower()}" for name in _VECTORS for axis in AXES]
 _NEES_COLUMNS = [f"nees_{round(100 * part)}" for part in NEES_AT]
 _SCORES = [*_VECTOR_COLUMNS, *_SCALARS, *_NEES_COLUMNS]
-COLUMNS = [*KEY, "settings", "session", *_TEXTS, *_COUNTS[1:], *_SCORES]
+COLUMNS = [*KEY, "settings", "session", *_TEXTS, *_COUNTS, *_SCORES]
+SPAN_COLUMNS = [f"{kind}_{name}" for kind in ("rms", "final") for name in COMPONENTS]
+SPAN_COLUMNS += [f"nees_all_{round(100 * part)}" for part in NEES_AT]
+#: Rows that have more to tell than scores.
+TROUBLE = "status <> 'ok' OR reason <> '' OR repairs <> 0 OR fallbacks <> 0"
 
 _RUNS = f"""CREATE TABLE runs (
     id INTEGER PRIMARY KEY, task TEXT, suite TEXT, solver TEXT, settings_hash TEXT, code TEXT, run INTEGER,
@@ -42,12 +46,19 @@ _RUNS = f"""CREATE TABLE runs (
 #: Apart from the scores, so that a table reads those alone.
 _HISTORIES = "CREATE TABLE histories (id INTEGER PRIMARY KEY REFERENCES runs (id), history BLOB)"
 
+_TROUBLES = f"CREATE INDEX troubles ON runs ({', '.join(KEY)}) WHERE {TROUBLE}"
+#: Of runs of navigation tasks: rad, m/s, m.
+_SPANS = f"""CREATE TABLE spans (id INTEGER PRIMARY KEY REFERENCES runs (id),
+    {", ".join(f"{name} REAL" for name in SPAN_COLUMNS)})"""
+
 #: rad, and s from the start of fine alignment; t_conv is Inf where censored; NULL is not known.
 SCHEMA = (
     """CREATE TABLE sessions (
         id INTEGER PRIMARY KEY, started TEXT DEFAULT CURRENT_TIMESTAMP, versions TEXT, machine TEXT)""",
     _RUNS,
     _HISTORIES,
+    _SPANS,
+    _TROUBLES,
     "CREATE TABLE tasks (task TEXT PRIMARY KEY, criteria TEXT, definition TEXT, digest TEXT, bound TEXT)",
     """CREATE TABLE costs (
         task TEXT, solver TEXT, settings_hash TEXT, code TEXT, session INTEGER, median_us REAL, p95_us REAL,
@@ -65,6 +76,7 @@ MIGRATIONS = {
         "DROP TABLE old_runs",
         *(f"ALTER TABLE tasks ADD COLUMN {name} TEXT" for name in ("definition", "digest", "bound")),
     ),
+    3: (_SPANS, _TROUBLES),
 }
 
 
@@ -152,50 +164,65 @@ def to_row(key: Key, session: int, run: Mapping[str, Any]) -> tuple[Any, ...]:
     return (*head, *told, *(None if math.isnan(n) else n for n in numbers))
 
 
+def to_span(row: int, run: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Of a run of a navigation task, in the order of SPAN_COLUMNS after the row's id."""
+    numbers = np.concatenate([run["span_rms"], run["span_final"], run["nees_all"]]).tolist()
+    return (row, *(None if math.isnan(n) else n for n in numbers))
+
+
 def to_blob(history: Any) -> bytes:
     return zlib.compress(np.ascontiguousarray(history, dtype="<f4").tobytes())
 
 
 def numbers_of(whole: bool) -> list[str]:
-    """The columns of numbers that are read: all, or those that tables show."""
-    scores = _SCORES if whole else [name for name in _SCORES if name.startswith(_SHOWN)]
-    return [*_COUNTS, *scores]
+    """The columns of numbers that are read: all, or those that tables show; the run first."""
+    return ["run", *(_SCORES if whole else [name for name in _SCORES if name.startswith(_SHOWN)])]
 
 
 def to_records(
-    numbers: Array, odd: Mapping[int, Sequence[str]], criteria: Criteria, blobs: Sequence[bytes] | None
+    numbers: Array, odd: Mapping[int, Sequence[Any]], spans: Array, criteria: Criteria, blobs: Sequence[bytes] | None
 ) -> Records:
-    """The inverse of :func:`to_row` and :func:`to_blob`.
+    """The inverse of :func:`to_row`, :func:`to_span` and :func:`to_blob`.
 
     Args:
-        numbers: (R, c), the columns of :func:`numbers_of`.
-        odd: status, reason and traceback by run, of those that have any to tell.
-        blobs: histories; without them scores that were not read are NaN, and histories have length 0.
+        numbers: (R, c), the columns of :func:`numbers_of`; scores that were not read are NaN.
+        odd: status, reason, traceback, repairs and fallbacks by run, of those in TROUBLE.
+        spans: (R, SPAN_COLUMNS), or (R, 0) where the task does not navigate.
+        blobs: histories; without them they have length 0.
 
     Raises:
         ValueError, zlib.error: a damaged row.
     """
-    names = numbers_of(blobs is not None)
+    names = numbers_of(numbers.shape[1] == len(numbers_of(True)))
     columns = dict(zip(names, numbers.T, strict=True))
     unknown = np.full(len(numbers), np.nan)
-    counts: dict[str, Any] = {name: columns[name].astype(np.int64) for name in _COUNTS}
-    texts = [odd.get(run, ("ok", "", "")) for run in counts["run"].tolist()]
+    run = columns["run"].astype(np.int64)
+    told = [odd.get(one, ("ok", "", "", 0, 0)) for one in run.tolist()]
+    counts: dict[str, Any] = {
+        name: np.array([one[3 + i] for one in told], dtype=np.int64) for i, name in enumerate(_COUNTS)
+    }
     if blobs is None:
-        history = np.empty((len(numbers), 0, 3), dtype=np.float32)
+        history = np.empty((len(numbers), 0, criteria.components), dtype=np.float32)
     else:
         parts = [np.frombuffer(zlib.decompress(blob), dtype="<f4") for blob in blobs]
-        history = np.stack(parts).astype(np.float32).reshape(len(parts), len(criteria.history_t), 3)
+        shape = len(parts), len(criteria.history_t), criteria.components
+        history = np.stack(parts).astype(np.float32).reshape(shape)
+    width = criteria.components if criteria.navigates else 0
     scores: dict[str, Any] = {
         name: _stack(columns, [f"{name}_{axis.lower()}" for axis in AXES], unknown) for name in _VECTORS
     }
     scores |= {name: columns.get(name, unknown) for name in _SCALARS}
     return Records(
         criteria=criteria,
-        status=np.array([text[0] for text in texts]),
-        reason=tuple(text[1] for text in texts),
-        traceback=tuple(text[2] for text in texts),
+        run=run,
+        status=np.array([one[0] for one in told]),
+        reason=tuple(one[1] for one in told),
+        traceback=tuple(one[2] for one in told),
         nees=_stack(columns, _NEES_COLUMNS, unknown),
         history=history,
+        span_rms=spans[:, :width],
+        span_final=spans[:, width : 2 * width],
+        nees_all=spans[:, 2 * width :] if width else np.full((len(numbers), len(NEES_AT)), np.nan),
         **counts,
         **scores,
     )

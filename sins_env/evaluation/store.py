@@ -30,6 +30,8 @@ from sins_env.evaluation.rows import (
     MIGRATIONS,
     SCHEMA,
     SCHEMA_VERSION,
+    SPAN_COLUMNS,
+    TROUBLE,
     Key,
     binding,
     bound_of,
@@ -43,6 +45,7 @@ from sins_env.evaluation.rows import (
     to_blob,
     to_records,
     to_row,
+    to_span,
 )
 from sins_env.evaluation.tasks import EvaluationTask, digest, get_task
 
@@ -162,6 +165,9 @@ class Store:
                 new = self._db.execute(sql, to_row(key, session, run)).fetchone()
                 if new:
                     self._db.execute("INSERT OR REPLACE INTO histories VALUES (?, ?)", (*new, to_blob(run["history"])))
+                    if records.criteria.navigates:
+                        of_span = ", ".join("?" * (1 + len(SPAN_COLUMNS)))
+                        self._db.execute(f"INSERT OR REPLACE INTO spans VALUES ({of_span})", to_span(new[0], run))
 
     def add_task(self, task: EvaluationTask) -> None:
         """Write what a table needs of a task, so that it can be made from the file alone.
@@ -240,7 +246,8 @@ class Store:
     def results(self, key: Key, runs: Container[int] | None = None, whole: bool = True) -> Results:
         """The runs of a solver (those in ``runs``, or all) as :func:`evaluate` returns them.
 
-        Not ``whole`` is for tables and several times faster: histories are of length 0, and scores that no table shows NaN.
+        Not ``whole`` is for tables and several times faster: scores that no table shows are NaN, and histories of
+        length 0 but where the task navigates, whose tables need them.
         """
         where = " AND ".join(f"{name} = ?" for name in KEY[:-1])
         with self._errors():
@@ -248,30 +255,42 @@ class Store:
             numbers = self._db.execute(sql, key.values).fetchall()
             if runs is not None:
                 numbers = [row for row in numbers if row[0] in runs]
-            sql = f"SELECT run, status, reason, traceback FROM runs WHERE {where} AND (status <> 'ok' OR reason <> '')"
-            odd = {run: texts for run, *texts in self._db.execute(sql, key.values)}
-            blobs = self._histories(where, key, runs) if whole else None
+            sql = f"SELECT run, status, reason, traceback, repairs, fallbacks FROM runs WHERE {where} AND ({TROUBLE})"
+            odd = {run: told for run, *told in self._db.execute(sql, key.values)}
             stored = self._db.execute("SELECT criteria FROM tasks WHERE task = ?", (key.task,)).fetchone()
+        with self._damage(f"the criteria of {key.task}"):
+            criteria = criteria_of(stored[0])
+        columns = SPAN_COLUMNS if criteria.navigates else []
+        with self._errors():
+            spans = self._beside("spans", columns, where, key, runs) if columns else [()] * len(numbers)
+            blobs = None
+            if whole or criteria.navigates:
+                blobs = [blob or b"" for (blob,) in self._beside("histories", ["history"], where, key, runs)]
             values = (key.task, key.solver, key.settings_hash, key.code)
             sql = "SELECT median_us, p95_us, ratio FROM costs"
             sql += " WHERE task = ? AND solver = ? AND settings_hash = ? AND code = ?"
             cost = self._db.execute(sql, values).fetchone()
         with self._damage(f"rows of {key.solver} on {key.task}"):
             given = np.array(numbers, dtype=float).reshape(len(numbers), -1)  # NULL becomes NaN
-            records = to_records(given, odd, criteria_of(stored[0]), blobs)
+            of_span = np.array(spans, dtype=float).reshape(len(numbers), len(columns))
+            records = to_records(given, odd, of_span, criteria, blobs)
         task, bound = self._task(key.task)
         settings = json.loads(key.settings)
         return Results(task, key.solver, settings, key.suite, records, Cost(*cost) if cost else None, bound)
 
     def rows(self, key: Key, columns: Sequence[str]) -> Iterator[tuple[Any, ...]]:
-        """These columns of every run, in their order; None is not known."""
+        """These columns of every run, in their order, those of SPAN_COLUMNS, too; None is not known."""
         where = " AND ".join(f"{name} = ?" for name in KEY[:-1])
+        sql = f"SELECT {', '.join(columns)} FROM runs LEFT JOIN spans USING (id) WHERE {where} ORDER BY run"
         with self._errors():
-            yield from self._db.execute(f"SELECT {', '.join(columns)} FROM runs WHERE {where} ORDER BY run", key.values)
+            yield from self._db.execute(sql, key.values)
 
-    def _histories(self, where: str, key: Key, runs: Container[int] | None) -> list[bytes]:
-        sql = f"SELECT run, history FROM runs LEFT JOIN histories USING (id) WHERE {where} ORDER BY run"
-        return [blob or b"" for run, blob in self._db.execute(sql, key.values) if runs is None or run in runs]
+    def _beside(
+        self, table: str, columns: Sequence[str], where: str, key: Key, runs: Container[int] | None
+    ) -> list[tuple[Any, ...]]:
+        """What another table holds of each run; None where it has no row of it."""
+        sql = f"SELECT run, {', '.join(columns)} FROM runs LEFT JOIN {table} USING (id) WHERE {where} ORDER BY run"
+        return [row[1:] for row in self._db.execute(sql, key.values) if runs is None or row[0] in runs]
 
     def _task(self, name: str) -> tuple[EvaluationTask, Bound | Literal["ask"] | None]:
         """The task under which the runs were made, and its bound; the present ones where an older file has neither."""

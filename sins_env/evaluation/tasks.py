@@ -47,6 +47,7 @@ class EvaluationTask:
     records: int = 0  #: of a simulation (headings, scenes): run i draws its own of record i, modulo their number
     score_from_s: float = 0.0  #: from where the time means of a navigation task count, s from switch-on
     rank_by: str = "azimuth"  #: what ranks a navigation task: "azimuth", "position", "velocity" or "failures"
+    fail_azimuth_deg: float | None = None  #: a run whose azimuth error at the end is larger has failed
 
     @property
     def delta(self) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sins_env.evaluation import board, compare, metrics, paired, resampling
+from sins_env.evaluation import board, compare, paired, resampling
 from sins_env.evaluation.criteria import Criteria
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.scoring import score
@@ -56,7 +56,7 @@ def test_counts_are_resamples():
 @pytest.mark.parametrize("runs", [12, 80, 700])
 def test_rms_interval_is_scipys_bca(runs):
     x = np.abs(np.random.default_rng(runs).standard_t(5, runs))
-    value, ends = metrics.rms_interval(x)
+    value, ends = resampling.rms_interval(x)
     found = stats.bootstrap((x**2,), lambda v, axis: np.sqrt(v.mean(axis=axis)), n_resamples=40_000, method="BCa",
                             vectorized=True, batch=2000, rng=np.random.default_rng(1)).confidence_interval  # fmt: skip
     assert value == pytest.approx(np.sqrt((x**2).mean()))
@@ -82,7 +82,7 @@ def test_many_runs_are_resampled_in_blocks(runs):
     x = np.abs(np.random.default_rng(0).normal(0, 2.0, runs))
     assert resampling.units_of(x[:, None]).shape == (resampling.MOST_UNITS, 1)
     assert resampling.units_of(x[:, None]).sum() == pytest.approx(x.sum())
-    _, (low, high) = metrics.rms_interval(x)
+    _, (low, high) = resampling.rms_interval(x)
     exact = 2 * Z / math.sqrt(2 * runs)  # half an interval of the RMS of normal errors
     assert (high - low) / 2 == pytest.approx(2 * exact / 2, rel=0.08)
     assert low < 2.0 < high
