@@ -6,12 +6,16 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
 
-from sins_env.evaluation.metrics import Interval, Summary
+from sins_env.evaluation.consistency import Nees
+from sins_env.evaluation.metrics import Summary
 from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.ranking import ranked
+from sins_env.evaluation.quantities import QUANTITIES
+from sins_env.evaluation.ranking import by_failures, failure_rate, headline, ranked
+from sins_env.evaluation.resampling import Interval
+from sins_env.evaluation.tasks import EvaluationTask
 
 
 def by_task(results: Iterable[Results]) -> dict[tuple[str, str], list[Results]]:
@@ -53,6 +57,62 @@ def angle_interval(ci: Interval) -> str:
     return "" if math.isnan(ci[0]) else f"{angle(ci[0])}–{angle(ci[1])}".replace(",", "")
 
 
+class Column(NamedTuple):
+    """Of errors: a value with its interval for each solver."""
+
+    name: str
+    unit: str
+    cell: Callable[[Results], tuple[str, str]]
+    main: bool = False  #: what the task is about
+
+
+def error_columns(one: Results) -> list[Column]:
+    """What a task's solvers are scored by; ``one`` is any of them."""
+    if one.summary.navigation is None:
+        return [_axial(name, axis) for name, axis in (("azimuth RMS", "U"), ("east RMS", "E"), ("north RMS", "N"))]
+    names = ("azimuth", "level", "position_h", "position_v", "velocity_h", "velocity_v")
+    columns = [_averaged(name, name == about(one.task)) for name in names]
+    if by_failures(one.task):
+        columns.insert(0, Column("median heading at the end", "deg", _median))
+    return columns
+
+
+def about(task: EvaluationTask) -> str:
+    """Of the columns of a navigation task the one that stands for what ranks."""
+    main = headline(task)
+    return {"position": "position_h", "velocity": "velocity_h"}.get(main, main)
+
+
+def _axial(name: str, axis: str) -> Column:
+    def cell(one: Results) -> tuple[str, str]:
+        return angle(one.summary.rms[axis]), angle_interval(one.summary.rms_ci[axis])
+
+    return Column(name, '"', cell, axis == "U")
+
+
+def _averaged(name: str, main: bool) -> Column:
+    quantity = QUANTITIES[name]
+    level = quantity.unit_name == "arcsec"
+
+    def cell(one: Results) -> tuple[str, str]:
+        assert one.summary.navigation is not None
+        value, ci = one.summary.navigation.armse[name]
+        ends = ci[0] / quantity.unit, ci[1] / quantity.unit
+        return (angle if level else number)(value / quantity.unit), (angle_interval if level else interval)(ends)
+
+    return Column(quantity.name, '"' if level else quantity.unit_name, cell, main)
+
+
+def _median(one: Results) -> tuple[str, str]:
+    assert one.summary.navigation is not None
+    value, ci = one.summary.navigation.median_azimuth
+    return number(math.degrees(value)), interval((math.degrees(ci[0]), math.degrees(ci[1])))
+
+
+def interval(ci: Interval) -> str:
+    return "" if math.isnan(ci[0]) else f"{number(ci[0])}–{number(ci[1])}".replace(",", "")
+
+
 def failure_text(summary: Summary) -> str:
     """'2 diverged, 1 raised', or '0'."""
     parts = [f"{count} {name}" for name, count in summary.counts.items() if count and name != "any"]
@@ -60,17 +120,31 @@ def failure_text(summary: Summary) -> str:
 
 
 def nees_text(summary: Summary) -> tuple[str, bool | None]:
-    """Mean NEES at T over its expectation 3, and whether it is in its band; '-' and None: not scored."""
-    if not summary.nees:
+    """Mean NEES at T over its expectation, and whether it is in its band; '-' and None: not scored."""
+    found, dof = nees_of(summary)
+    if not found:
         return "-", None
-    last = summary.nees[-1]
-    return ("inf" if math.isinf(last.mean) else number(last.mean / 3)), last.inside
+    last = found[-1]
+    return ("inf" if math.isinf(last.mean) else number(last.mean / dof)), last.inside
+
+
+def nees_of(summary: Summary) -> tuple[tuple[Nees, ...], int]:
+    """NEES of all that is scored, and its expectation: 3 of attitude, 9 with velocity and position."""
+    return (summary.nees, 3) if summary.navigation is None else (summary.navigation.nees, 9)
 
 
 def bound_text(one: Results) -> tuple[str, bool | None]:
-    """Azimuth RMS over the bound, in brackets over what is only a reference; whether that is too good; '-': none."""
-    text = number(one.bound_ratio["U"])
+    """The main score over its bound, in brackets over what is only a reference; whether that is too good; '-': none."""
+    text = number(bound_ratio(one))
     return (f"({text})" if one.bound and not one.bound.holds else text), one.below_bound
+
+
+def bound_ratio(one: Results) -> float:
+    """Of the azimuth RMS, or of the ARMSE that a navigation task is about; NaN without a bound."""
+    navigation, name = one.summary.navigation, headline(one.task)
+    if navigation is None:
+        return one.bound_ratio["U"]
+    return navigation.armse[name][0] / one.bound_means.get(name, math.nan)
 
 
 def cost_text(one: Results) -> str:
@@ -94,11 +168,11 @@ def footer(results: Sequence[Results]) -> str:
     lines = [
         f"aligned: {task.thresholds} until the end, for {task.hold_s:g} s or more; time from the start of "
         "fine alignment" + (f" (switch-on: + {s.coarse_s:g} s)." if s.coarse_s else "."),
-        f"RMS over runs and the last {s.steady_s:g} s; 95 % intervals.",
-        "Equal ranks: not told from the rank's first, by the 95 % interval of the azimuth RMS' ratio over common runs.",
+        *_meaning(task, s),
     ]
-    if any(one.summary.nees for one in results):
-        lines.append(f"NEES / 3 is 1 where the solver's covariance is right, 95 % band {_bands(results)}.")
+    if any(nees_of(one.summary)[0] for one in results):
+        dof = nees_of(s)[1]
+        lines.append(f"NEES / {dof} is 1 where the solver's covariance is right, 95 % band {_bands(results)}.")
     lines += _bound_note(results)
     helped = [f"{one.label} {number(one.summary.fallbacks)}" for one in results if one.summary.fallbacks]
     if helped:
@@ -108,12 +182,33 @@ def footer(results: Sequence[Results]) -> str:
     return "\n".join(lines + _spread_note(results))
 
 
+def _meaning(task: EvaluationTask, s: Summary) -> list[str]:
+    """What errors and ranks are."""
+    if s.navigation is None:
+        return [
+            f"RMS over runs and the last {s.steady_s:g} s; 95 % intervals.",
+            "Equal ranks: not told from the rank's first, by the 95 % interval of the azimuth RMS' ratio over common runs.",
+        ]
+    span = f" from {s.navigation.from_s:g} s on" if s.navigation.from_s else ""
+    errors = f"Errors: mean over time{span} of the RMS over runs; 95 % intervals."
+    if by_failures(task):
+        limit = (
+            f" (here also: azimuth beyond {task.fail_azimuth_deg:g} deg at the end)" if task.fail_azimuth_deg else ""
+        )
+        rule = "the share of failed runs, then the median heading error at the end, ranks"
+        return [errors, f"Order: {rule}{limit}. Equal ranks: shares not told apart over common runs (95 %)."]
+    name = QUANTITIES[task.rank_by].name
+    told = f"by the 95 % interval of the ratio of their {name} RMS (over runs and time) over common runs"
+    return [errors, f"Order: {name} RMS over runs and time. Equal ranks: not told from the rank's first, {told}."]
+
+
 def _bound_note(results: Sequence[Results]) -> list[str]:
     """What the column means, and who is too good to be true."""
     bound = next((one.bound for one in results if one.bound), None)
     if bound is None:
         return []
-    text = "RMS / bound: of the azimuth, over the Cramér-Rao bound of estimators that know nothing of the motion"
+    text = f"{bound_heading(results[0])}: of the {bound_of(results[0])}, over the Cramér-Rao bound of estimators that know "
+    text += "nothing of the motion"
     lines = [text + ("." if bound.holds else "; in brackets, for it is only a reference here.")]
     below = [one.label for one in results if one.below_bound]
     if below:
@@ -123,12 +218,22 @@ def _bound_note(results: Sequence[Results]) -> list[str]:
     return lines
 
 
+def bound_heading(one: Results) -> str:
+    return "RMS / bound" if one.summary.navigation is None else "error / bound"
+
+
+def bound_of(one: Results) -> str:
+    """What the bound's column is about."""
+    return "azimuth" if one.summary.navigation is None else QUANTITIES[headline(one.task)].name
+
+
 def _bands(results: Sequence[Results]) -> str:
     """The band for each number of runs that has a NEES; of more than three the fewest and the most."""
-    bands = {one.summary.nees[-1].runs: one.summary.nees[-1].band for one in results if one.summary.nees}
+    known = [(found[-1], dof) for found, dof in (nees_of(one.summary) for one in results) if found]
+    bands = {last.runs: (last.band[0] / dof, last.band[1] / dof) for last, dof in known}
     runs = sorted(bands)
     kept = runs if len(runs) <= 3 else [runs[0], runs[-1]]
-    return ", ".join(f"{bands[n][0] / 3:.2f}–{bands[n][1] / 3:.2f} for {n} run{'s' * (n > 1)}" for n in kept)
+    return ", ".join(f"{bands[n][0]:.2f}–{bands[n][1]:.2f} for {n} run{'s' * (n > 1)}" for n in kept)
 
 
 def _spread_note(results: Sequence[Results]) -> list[str]:
@@ -146,7 +251,7 @@ def as_json(results: Iterable[Results]) -> str:
 
 def _entry(one: Results) -> dict[str, Any]:
     s = one.summary
-    return {
+    entry = {
         "task": one.task.name,
         "solver": one.solver,
         "settings": dict(one.settings),
@@ -159,6 +264,15 @@ def _entry(one: Results) -> dict[str, Any]:
         "failures": s.failures,
         "cost_ratio": one.cost.ratio if one.cost else None,
     }
+    if s.navigation is not None:
+        entry["bound_ratio"] = _finite(bound_ratio(one))
+        entry["failure_rate"] = failure_rate(one)
+        entry["median_heading_deg"] = _finite(math.degrees(s.navigation.median_azimuth[0]))
+        armse = {(name, QUANTITIES[name]): estimate for name, estimate in s.navigation.armse.items()}
+        entry["armse"] = {name: _finite(value / q.unit) for (name, q), (value, _) in armse.items()}
+        entry["armse_ci"] = {name: [_finite(end / q.unit) for end in ci] for (name, q), (_, ci) in armse.items()}
+        entry["armse_unit"] = {name: q.unit_name for name, q in armse}
+    return entry
 
 
 def _finite(value: float) -> float | None:
@@ -175,12 +289,33 @@ _COLUMNS = (
 )  # fmt: skip
 
 
+#: After the others, in files that hold navigation.
+_NAVIGATION = (
+    *(f"armse_{name}{end}" for name, q in QUANTITIES.items() for end in (f"_{q.unit_name.replace('/', '_per_')}", "_low", "_high")),
+    *(f"rms_{name}_{q.unit_name.replace('/', '_per_')}" for name, q in QUANTITIES.items()),
+    *(f"bound_ratio_{name}" for name in QUANTITIES),
+    "median_heading_deg", "failure_rate", "nees_all_over_9", "nees_all_in_band",
+)  # fmt: skip
+
+
+def _navigation(one: Results) -> tuple[Any, ...]:
+    s = one.summary.navigation
+    if s is None:
+        return ("",) * len(_NAVIGATION)
+    armse = [x / q.unit for name, q in QUANTITIES.items() for x in (s.armse[name][0], *s.armse[name][1])]
+    rms = [s.rms[name][0] / q.unit for name, q in QUANTITIES.items()]
+    ratios = [s.armse[name][0] / one.bound_means.get(name, math.nan) for name in QUANTITIES]
+    nees = (s.nees[-1].mean / 9, s.nees[-1].inside) if s.nees else (None, None)
+    return (*armse, *rms, *ratios, math.degrees(s.median_azimuth[0]), failure_rate(one), *nees)
+
+
 def as_csv(results: Iterable[Results]) -> str:
-    """One line per solver with every figure; empty where a value is not known."""
-    out = io.StringIO()
+    """One line per solver with every figure; empty where a value is not known. Navigation has columns of its own."""
+    out, given = io.StringIO(), list(results)
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(_COLUMNS)
-    for (task, suite), group in by_task(results).items():
+    navigates = any(one.summary.navigation for one in given)
+    writer.writerow([*_COLUMNS, *(_NAVIGATION if navigates else ())])
+    for (task, suite), group in by_task(given).items():
         for rank, one in ranked(group):
             s = one.summary
             rms = [value for axis in "ENU" for value in (s.rms[axis], *s.rms_ci[axis])]
@@ -199,6 +334,7 @@ def as_csv(results: Iterable[Results]) -> str:
             ratios = (*one.bound_ratio.values(), bool(one.bound.holds) if one.bound else None, one.below_bound)
             times = (s.t_conv_median_s, *s.t_conv_ci_s, s.t_conv_restricted_mean_s)
             row = (*head, *times, *rms, *ratios, *told, *(one.cost or (None,) * 3))
+            row += _navigation(one) if navigates else ()
             writer.writerow(["" if isinstance(v, float) and math.isnan(v) else v for v in row])
     return out.getvalue()
 
@@ -208,25 +344,19 @@ def as_markdown(results: Iterable[Results]) -> str:
     parts = []
     for (name, _), group in by_task(results).items():
         lines = ranked(group)
-        head = [
-            "#",
-            "solver",
-            "runs",
-            "aligned",
-            "median time, s",
-            'azimuth RMS, "',
-            'east RMS, "',
-            'north RMS, "',
-        ]
+        columns, navigates = error_columns(group[0]), group[0].summary.navigation is not None
+        head = ["#", "solver", "runs", "aligned", *(() if navigates else ("median time, s",))]
+        head += [f"{column.name}, {column.unit}" for column in columns]
         bounded = any(one.bound for one in group)
-        head += (["RMS / bound"] if bounded else []) + ["NEES / 3", "failures", "cost / ckf"]
+        head += ([bound_heading(group[0])] if bounded else []) + [f"NEES / {nees_of(group[0].summary)[1]}"]
+        head += ["failures", "cost / ckf"]
         head += ["spread, deg"] if group[0].task.windows else []
         rows = [head, ["---:" if i != 1 else "---" for i in range(len(head))]]
         for rank, one in lines:
             s = one.summary
             cells = [str(rank) if s.scored else "-", one.label, str(s.runs), success_text(s)]
-            cells += [_inline(seconds(s.t_conv_median_s), seconds_interval(s.t_conv_ci_s))]
-            cells += [_inline(angle(s.rms[axis]), angle_interval(s.rms_ci[axis])) for axis in "UEN"]
+            cells += [] if navigates else [_inline(seconds(s.t_conv_median_s), seconds_interval(s.t_conv_ci_s))]
+            cells += [_inline(*column.cell(one)) for column in columns]
             ratio, below = bound_text(one)
             text, inside = nees_text(s)
             cells += [ratio + (" (below)" if below else "")] if bounded else []

@@ -164,6 +164,10 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("task", metavar="TASK")
     sub.add_argument("solver", metavar="SOLVER")
     sub.add_argument("reference", metavar="SOLVER")
+    errors = (
+        "what errors are compared in: azimuth, level ...; of navigation position, velocity ... (default: what ranks)"
+    )
+    sub.add_argument("--score", metavar="NAME", help=errors)
     sub.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
 
     sub = verb("export", "stored:export", "every run of a results file with all its scores")

@@ -23,6 +23,7 @@ from sins_env.evaluation.executors import Processes, check_executor, runner
 from sins_env.evaluation.guard import EstimatorError
 from sins_env.evaluation.outcome import RunFailed, check_plot, remark, save_figure, titled
 from sins_env.evaluation.progress import Bar
+from sins_env.evaluation.quantities import QUANTITIES, run_errors
 from sins_env.evaluation.records import Records
 from sins_env.evaluation.store import Key, Store, canonical
 from sins_env.evaluation.tasks import EvaluationTask, get_task, suite_hash
@@ -66,11 +67,12 @@ def _run_table(given: Namespace, task: EvaluationTask, records: Records) -> Tabl
     scored = records.criteria.scored
     for name in ("at the end", "RMS, steady", "threshold", "within it from"):
         table.add_column(name, justify="right")
-    for name, j, unit, sign in (
+    rows = (
         ("azimuth", 2, DEG, "°"),
         ("east", 0, ARCSEC, '"'),
         ("north", 1, ARCSEC, '"'),
-    ):
+    )
+    for name, j, unit, sign in rows:
         time = float(records.t_conv[0, j])
         table.add_row(
             name,
@@ -79,6 +81,8 @@ def _run_table(given: Namespace, task: EvaluationTask, records: Records) -> Tabl
             f"{records.criteria.delta[j] / unit:g}{sign}",
             "-" if not scored else f"{time:.1f} s" if np.isfinite(time) else Text("not aligned", style="red"),
         )
+    if records.criteria.navigates:
+        _add_navigation(table, records)
     coarse = f" after {records.criteria.coarse_s:g} s of coarse alignment" if records.criteria.coarse_s else ""
     verdict = records.reason[0] or str(records.status[0])
     times = f"times from the start of the fine phase{coarse}"
@@ -86,6 +90,15 @@ def _run_table(given: Namespace, task: EvaluationTask, records: Records) -> Tabl
     table.caption = f"{verdict}; {times if scored else heading}"
     table.caption_justify = "left"
     return table
+
+
+def _add_navigation(table: Table, records: Records) -> None:
+    """Lengths of the errors of position and velocity; over time from where they count."""
+    for name in ("position_h", "position_v", "velocity_h", "velocity_v"):
+        quantity = QUANTITIES[name]
+        over_time, final = (boards.number(float(found[0]) / quantity.unit) for found in run_errors(records, name))
+        cells = (f"{value} {quantity.unit_name}" if records.criteria.scored else "-" for value in (final, over_time))
+        table.add_row(quantity.name, *cells, "", "")
 
 
 def _pairs(given: Namespace) -> list[tuple[EvaluationTask, str]]:

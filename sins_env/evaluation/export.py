@@ -11,11 +11,11 @@ import importlib
 import itertools
 import json
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from sins_env.evaluation.rows import COLUMNS, KEY, Key
+from sins_env.evaluation.rows import COLUMNS, KEY, SPAN_COLUMNS, Key
 from sins_env.evaluation.store import Store
 
 FORMATS = ("csv", "json", "parquet")
@@ -30,10 +30,17 @@ def _with_unit(name: str) -> str:
         return name
     if name.startswith(("t_conv", "step_s")):
         return name if name.endswith("_s") else f"{name}_s"
-    return f"{name}_rad"
+    kind = next((unit for part, unit in (("_vel_", "mps"), ("_pos_", "m")) if part in name), "rad")
+    return f"{name}_{kind}"
 
 
-HEADINGS = [_with_unit(name) for name in _READ]
+def headings(navigates: bool) -> list[str]:
+    """Names of the columns, with units; those of navigation follow where any of the tasks navigates."""
+    return [_with_unit(name) for name in _columns(navigates)]
+
+
+def _columns(navigates: bool) -> list[str]:
+    return [*_READ, *(SPAN_COLUMNS if navigates else ())]
 
 
 def export(store: Store, keys: Iterable[Key], form: str, path: str | Path) -> int:
@@ -44,8 +51,10 @@ def export(store: Store, keys: Iterable[Key], form: str, path: str | Path) -> in
     """
     if form not in FORMATS:
         raise ValueError(f"format {form!r}; allowed: {', '.join(FORMATS)}")
-    rows = _rows(store, keys)
-    return {"csv": _csv, "json": _json, "parquet": _parquet}[form](rows, Path(path))
+    wanted = list(keys)
+    columns = _columns(any(store.navigates(key.task) for key in wanted))
+    rows = (row for key in wanted for row in store.rows(key, columns))
+    return {"csv": _csv, "json": _json, "parquet": _parquet}[form](columns, rows, Path(path))
 
 
 def check_parquet() -> Any:
@@ -61,38 +70,35 @@ def check_parquet() -> Any:
         raise ValueError("Parquet needs pyarrow, which is not installed: pip install 'sins-env[data]'") from error
 
 
-def _rows(store: Store, keys: Iterable[Key]) -> Iterator[tuple[Any, ...]]:
-    for key in keys:
-        yield from store.rows(key, _READ)
-
-
-def _csv(rows: Iterator[tuple[Any, ...]], path: Path) -> int:
+def _csv(columns: Sequence[str], rows: Iterator[tuple[Any, ...]], path: Path) -> int:
     count = itertools.count()
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(HEADINGS)
+        writer.writerow(map(_with_unit, columns))
         writer.writerows(row for row, _ in zip(rows, count, strict=False))
     return next(count)
 
 
-def _json(rows: Iterator[tuple[Any, ...]], path: Path) -> int:
+def _json(columns: Sequence[str], rows: Iterator[tuple[Any, ...]], path: Path) -> int:
     """A list of objects, one per line; settings as an object."""
-    count, place = 0, HEADINGS.index("settings")
+    count, heads = 0, [_with_unit(name) for name in columns]
+    place = heads.index("settings")
     with open(path, "w", encoding="utf-8") as file:
         file.write("[")
         for count, row in enumerate(rows, start=1):
             values: list[Any] = [None if isinstance(value, float) and math.isinf(value) else value for value in row]
             values[place] = json.loads(values[place])
-            text = json.dumps(dict(zip(HEADINGS, values, strict=True)), allow_nan=False)
+            text = json.dumps(dict(zip(heads, values, strict=True)), allow_nan=False)
             file.write(f"{',' if count > 1 else ''}\n{text}")
         file.write("\n]\n")
     return count
 
 
-def _parquet(rows: Iterator[tuple[Any, ...]], path: Path) -> int:
+def _parquet(columns: Sequence[str], rows: Iterator[tuple[Any, ...]], path: Path) -> int:
     arrow = check_parquet()
-    kinds = [arrow.int64() if n in _WHOLE else arrow.string() if n in _WORDS else arrow.float64() for n in _READ]
-    columns = list(zip(*rows, strict=True)) or [()] * len(_READ)
-    arrays = [arrow.array(column, type=kind) for column, kind in zip(columns, kinds, strict=True)]
-    arrow.parquet.write_table(arrow.Table.from_arrays(arrays, names=HEADINGS), path)
-    return len(columns[0])
+    kinds = [arrow.int64() if n in _WHOLE else arrow.string() if n in _WORDS else arrow.float64() for n in columns]
+    given = list(zip(*rows, strict=True)) or [()] * len(columns)
+    arrays = [arrow.array(column, type=kind) for column, kind in zip(given, kinds, strict=True)]
+    table = arrow.Table.from_arrays(arrays, names=[_with_unit(name) for name in columns])
+    arrow.parquet.write_table(table, path)
+    return len(given[0])

@@ -49,6 +49,7 @@ class Section(NamedTuple):
     best: Cell
     digest: str | None  #: of the task's world
     sessions: list[tuple[str, Session]]  #: with the code
+    task_navigates: bool
 
 
 def html_report(
@@ -81,7 +82,12 @@ def html_report(
     solvers = {(key.solver, key.settings) for key in keys}
     many_suites = len({key.suite for key in keys}) > 1
     page: str = template.render(
-        sections=sections, css=css, solvers=len(solvers), dashes=DASHES, many_suites=many_suites
+        sections=sections,
+        css=css,
+        solvers=len(solvers),
+        dashes=DASHES,
+        many_suites=many_suites,
+        best_name="main error" if any(section.task_navigates for section in sections) else "azimuth RMS",
     )
     return page
 
@@ -126,7 +132,8 @@ def _section(
     failures = failures_of(group)
     runs = [len(one.records) for one in group]
     first = group[0].summary
-    value = with_unit(first.rms["U"]), board.angle_interval(first.rms_ci["U"])
+    main = next(column for column in board.error_columns(group[0]) if column.main)
+    value, interval = main.cell(group[0])
     digest, sessions = made
     return Section(
         anchor=anchor,
@@ -148,9 +155,10 @@ def _section(
         fewest=min(runs),
         most=max(runs),
         leaders=[one.label for rank, one in lines if rank == 1] if first.scored else [],
-        best=Cell(*value) if first.scored else Cell("-", "not scored: no reference"),
+        best=Cell(with_unit(value, main.unit), interval) if first.scored else Cell("-", "not scored: no reference"),
         digest=digest,
         sessions=sessions,
+        task_navigates=first.navigation is not None,
     )
 
 

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env.evaluation.board import angle, number, success_text
+from sins_env.evaluation.board import about, angle, number, success_text
 from sins_env.evaluation.bounds import Bound
 from sins_env.evaluation.metrics import success_profile
 from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.plots import STYLES, error_curve
+from sins_env.evaluation.plots import STYLES, error_curve, few_labels
+from sins_env.evaluation.quantities import QUANTITIES
 from sins_env.evaluation.svg import LOOKS, PAGE, inline
 from sins_env.specs import ARCSEC, DEG
 
@@ -77,7 +78,8 @@ def drawings(task: Task) -> list[Drawing]:
     costs = [_cost(task)] if any(one.cost for one in task.lines) else []
     if not task.lines[0].summary.scored:
         return costs
-    over_time = [_over_time(task, azimuth=True), _over_time(task, azimuth=False)]
+    curves = CURVES if task.lines[0].summary.navigation is not None else CURVES[:2]
+    over_time = [_over_time(task, curve) for curve in curves]
     return [*over_time, _aligned(task), _profile(task, azimuth=True), _profile(task, azimuth=False), *costs]
 
 
@@ -108,7 +110,7 @@ class _Panel:
 
     def svg(self, title: str, description: str, **settings: Any) -> str:
         """Axes in the page's colours, then the figure."""
-        from matplotlib.ticker import FuncFormatter, NullFormatter
+        from matplotlib.ticker import FuncFormatter
 
         axes, ink, grid = self.axes, PAGE["ink"], PAGE["grid"]
         axes.set(**settings)
@@ -121,18 +123,9 @@ class _Panel:
             axis.label.set(color=ink, size=FONT)
             if axis.get_scale() == "log":
                 axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-                low, high = sorted(axis.get_view_interval())
-                if high < 30 * low:
-                    axis.set_minor_formatter(FuncFormatter(_of_few))
-                    axis.set_tick_params(which="minor", labelsize=FONT)
-                else:
-                    axis.set_minor_formatter(NullFormatter())
+                axis.set_minor_formatter(FuncFormatter(few_labels(axis)))
+                axis.set_tick_params(which="minor", labelsize=FONT)
         return inline(self.figure, self.prefix, title, description, self.names)
-
-
-def _of_few(value: float, _: Any) -> str:
-    """Less than a decade and a half of a log axis needs labels between the decades."""
-    return f"{value:g}" if f"{value:e}"[0] in "25" else ""
 
 
 def _best(task: Task, say: Any) -> str:
@@ -146,41 +139,83 @@ def _shown(one: Results, axis: str = "U") -> str:
     return text if text.endswith("°") else f"{text}″"
 
 
-def _over_time(task: Task, azimuth: bool) -> Drawing:
-    parts, unit, name = (slice(2, 3), DEG, "azimuth") if azimuth else (slice(0, 2), ARCSEC, "level")
-    panel, criteria = _Panel(task, "ta" if azimuth else "tl"), task.lines[0].records.criteria
+def _over_time(task: Task, curve: Curve) -> Drawing:
+    parts, unit, name = list(curve.parts), curve.unit, curve.name
+    panel, criteria = _Panel(task, f"t-{curve.quantity}"), task.lines[0].records.criteria
     axes, all_t = panel.axes, np.asarray(criteria.history_t, dtype=float)
     picked = np.unique(np.linspace(0, len(all_t) - 1, SAMPLES).round().astype(int))
     t, least = all_t[picked], np.inf
     for one in task.back_to_front:
         told = panel.told(one)
-        value, low, high = error_curve(one.records.history[:, picked, parts], unit, 400 if told else 1)
+        value, low, high = error_curve(one.records.history[:, picked][..., parts], unit, 400 if told else 1)
         style = panel.style(one)
         if told and len(one.records) > 1:
             axes.fill_between(t, low, high, color=style["color"], alpha=0.16, linewidth=0, zorder=2)
         axes.plot(t, value, **style)
         least = min(least, float(np.nanmin(value, initial=np.inf)))
-    delta = float(criteria.delta[parts][0]) / unit
-    axes.axhline(delta, color=PAGE["ink"], linestyle=(0, (1, 2)), linewidth=1.2)
-    if task.bound:
+    delta = float(criteria.delta[parts[0]]) / unit if parts[0] < 3 else None
+    if delta is not None:
+        axes.axhline(delta, color=PAGE["ink"], linestyle=(0, (1, 2)), linewidth=1.2)
+    if task.bound and max(parts) < task.bound.sigma.shape[1]:
         sigma = np.sqrt(np.square(task.bound.sigma[:, parts]).mean(axis=1)) / unit
         axes.plot(task.bound.t, sigma, **_bound_style(task.bound))
         least = min(least, float(sigma.min()))
     if criteria.coarse_s:
         axes.axvspan(0, criteria.coarse_s, color=PAGE["grid"], alpha=0.5, linewidth=0)
     axes.set_yscale("log")
-    axes.set_ylim(bottom=max(0.8 * least, 1e-4 * delta))
-    said = _best(task, lambda one: _shown(one) if azimuth else f"{_shown(one, 'E')} east, {_shown(one, 'N')} north")
-    what = f"RMS of the {name} error over runs against time. In the steady state: {said}."
-    caption = "RMS over runs with 95 % bands"
+    if np.isfinite(least):
+        axes.set_ylim(bottom=max(0.8 * least, 1e-4 * (delta or 0.0)))
+    what = f"RMS of the {name} error over runs against time. {curve.said(task)}."
+    caption = "RMS over runs with 95 % bands" + ("" if len(parts) == 1 else ", of a component")
     if any(one.records.unfinished.any() for one in task.lines):
         caption += "; runs that raised or were lost end there"
     if criteria.coarse_s:
         caption += f"; shaded: {criteria.coarse_s:g} s coarse alignment"
     title = f"{name.capitalize()} error over time"
-    label = f"{name} error, {'deg' if azimuth else 'arcsec'}"
+    label = f"{name} error, {curve.unit_name}"
     svg = panel.svg(title, what, xlabel="time, s", ylabel=label, xlim=(0, criteria.duration_s))
     return Drawing(title, caption, svg)
+
+
+class Curve(NamedTuple):
+    """An error against time: the RMS of a component."""
+
+    quantity: str  #: of QUANTITIES
+    name: str
+    parts: tuple[int, ...]  #: of COMPONENTS
+
+    @property
+    def unit(self) -> float:
+        return QUANTITIES[self.quantity].unit
+
+    @property
+    def unit_name(self) -> str:
+        return QUANTITIES[self.quantity].unit_name
+
+    def said(self, task: Task) -> str:
+        """What the figure shows of the best, in words."""
+        if task.lines[0].summary.navigation is None:
+            azimuth = self.quantity == "azimuth"
+            say = _shown if azimuth else lambda one: f"{_shown(one, 'E')} east, {_shown(one, 'N')} north"
+            return f"In the steady state: {_best(task, say)}"
+        return f"Mean over time, {self.unit_name}: {_best(task, lambda one: number(_averaged(one, self.quantity)[0]))}"
+
+
+CURVES = (
+    Curve("azimuth", "azimuth", (2,)),
+    Curve("level", "level", (0, 1)),
+    Curve("position_h", "horizontal position", (6, 7)),
+    Curve("position_v", "vertical position", (8,)),
+    Curve("velocity_h", "horizontal velocity", (3, 4)),
+    Curve("velocity_v", "vertical velocity", (5,)),
+)
+
+
+def _averaged(one: Results, name: str) -> tuple[float, Array]:
+    """ARMSE of a navigation task and its interval, in the unit of the quantity."""
+    assert one.summary.navigation is not None
+    value, ci = one.summary.navigation.armse[name]
+    return value / QUANTITIES[name].unit, np.array(ci) / QUANTITIES[name].unit
 
 
 def _bound_style(bound: Bound) -> dict[str, Any]:
@@ -272,25 +307,55 @@ def _cost(task: Task) -> Drawing:
     if len(front) > 1:
         x, y = np.array(front).T
         panel.axes.step(x, y, where="post", color=PAGE["ink"], linewidth=1, linestyle=(0, (2, 2)), zorder=1)
-    if scored and task.bound:
-        panel.axes.axhline(task.bound.steady[2] / DEG, **_bound_style(task.bound))
+    limit = _limit(task)
+    if scored and task.bound and limit is not None:
+        panel.axes.axhline(limit, **_bound_style(task.bound))
     panel.axes.set(xscale="log", yscale="log")
     panel.axes.margins(x=0.12, y=0.1)
-    name = "azimuth RMS" if scored else "heading spread"
+    name, of_error = _error_name(task)
     unit = "cost of a step / ckf" if relative else "time of a step, µs"
-    said = _best(task, lambda one: f"{number(_position(one, relative, scored)[0], 2)}, {_shown(one)}" if scored else "")
+    said = _best(task, lambda one: f"{number(_position(one, relative, scored)[0], 2)}, {_main(one)}" if scored else "")
     title = "Error against cost" if scored else "Spread against cost"
     told = f"{title}: {name} over the {unit}. {said}."
     caption = f"{name}{' with 95 % interval' if scored else ''}; dotted: the Pareto front"
-    return Drawing(title, caption, panel.svg(title, told, xlabel=unit, ylabel=f"{name}, deg"))
+    return Drawing(title, caption, panel.svg(title, told, xlabel=unit, ylabel=f"{name}, {of_error}"))
 
 
 def _position(one: Results, relative: bool, scored: bool) -> tuple[float, float, Array]:
     """Cost, error in deg and its interval; NaN where it is not known."""
     cost = (one.cost.ratio if relative else one.cost.median_us) if one.cost else None
+    if one.summary.navigation is not None:
+        value, ci = _averaged(one, about(one.task))
+        return (np.nan if cost is None else cost), value, ci
     value = one.summary.rms["U"] / 3600 if scored else one.summary.spread_deg
     ci = np.array(one.summary.rms_ci["U"] if scored else (np.nan, np.nan)) / 3600
     return (np.nan if cost is None else cost), value, ci
+
+
+def _main(one: Results) -> str:
+    """The main score with its unit."""
+    if one.summary.navigation is None:
+        return _shown(one)
+    name = about(one.task)
+    return f"{number(_averaged(one, name)[0])} {QUANTITIES[name].unit_name}"
+
+
+def _error_name(task: Task) -> tuple[str, str]:
+    """What the cost is held against, and its unit."""
+    one = task.lines[0]
+    if one.summary.navigation is not None:
+        quantity = QUANTITIES[about(one.task)]
+        return f"{quantity.name} error", quantity.unit_name
+    return ("azimuth RMS" if one.summary.scored else "heading spread"), "deg"
+
+
+def _limit(task: Task) -> float | None:
+    """The bound of the main score, in its unit."""
+    one = task.lines[0]
+    if one.summary.navigation is not None:
+        name = about(one.task)
+        return one.bound_means.get(name, np.nan) / QUANTITIES[name].unit
+    return float(task.bound.steady[2] / DEG) if task.bound else None
 
 
 def _front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from sins_env.evaluation import board
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.report_figures import Look, Task
+from sins_env.evaluation.resampling import Interval
 from sins_env.specs import ARCSEC
 
 AXIS = 5.0  #: the column of intervals ends at so many times the median RMS
@@ -54,25 +55,33 @@ class Failure(NamedTuple):
     when: str
 
 
-def with_unit(arcsec: float) -> str:
+def with_unit(text: str, unit: str) -> str:
     """With the unit that the tables leave out."""
-    text = board.angle(arcsec)
-    return text if text.endswith("°") else f"{text}″"
+    return text if text.endswith("°") else f"{text}″" if unit == '"' else f"{text} {unit}"
 
 
 def heads_of(group: Sequence[Results]) -> list[tuple[str, str]]:
     """Columns right of the solver: heading and unit."""
-    heads = [
-        ("azimuth RMS", "arcsec"),
-        ("runs aligned", ""),
-        ("median time", "s"),
-        ("east RMS", "arcsec"),
-        ("north RMS", "arcsec"),
-    ]
-    heads += [("RMS / bound", "azimuth")] if any(one.bound for one in group) else []
-    heads += [("NEES / 3", "")] if any(one.summary.nees for one in group) else []
+    first, *others = [(column.name, _UNITS.get(column.unit, column.unit)) for column in _columns(group[0])]
+    heads = [first, ("runs aligned", "")]
+    heads += [("median time", "s")] if group[0].summary.navigation is None else []
+    heads += others
+    heads += [(board.bound_heading(group[0]), board.bound_of(group[0]))] if any(one.bound for one in group) else []
+    heads += [(_nees_heading(group[0]), "")] if any(board.nees_of(one.summary)[0] for one in group) else []
     heads += [("failed", "runs"), ("cost / ckf", "")]
     return heads + ([("heading spread", "°")] if group[0].task.windows else [])
+
+
+_UNITS = {'"': "arcsec"}
+
+
+def _columns(one: Results) -> list[board.Column]:
+    """The main score first, beside its whisker."""
+    return sorted(board.error_columns(one), key=lambda column: not column.main)
+
+
+def _nees_heading(one: Results) -> str:
+    return f"NEES / {board.nees_of(one.summary)[1]}"
 
 
 def rows_of(lines: Sequence[tuple[int, Results]], task: Task) -> list[Row]:
@@ -96,26 +105,43 @@ def _cells(one: Results) -> dict[str, Cell]:
     ratio, below = board.bound_text(one)
     aligned = "" if not s.scored else "good" if s.success >= 0.95 else "fair" if s.success >= 0.5 else "bad"
     failed = board.failure_text(s)
-    rms = [Cell(board.angle(s.rms[axis]), board.angle_interval(s.rms_ci[axis])) for axis in "UEN"]
     return {
-        "azimuth RMS": rms[0],
+        **{column.name: Cell(*column.cell(one)) for column in _columns(one)},
         "runs aligned": Cell(board.success_text(s), f"of {s.runs}", aligned),
         "median time": Cell(board.seconds(s.t_conv_median_s), board.seconds_interval(s.t_conv_ci_s)),
-        "east RMS": rms[1],
-        "north RMS": rms[2],
-        "RMS / bound": Cell(ratio, "below" if below else "", "bad" if below else ""),
-        "NEES / 3": Cell(nees, "outside" if inside is False else "", {None: "", True: "good", False: "fair"}[inside]),
+        board.bound_heading(one): Cell(ratio, "below" if below else "", "bad" if below else ""),
+        _nees_heading(one): Cell(
+            nees, "outside" if inside is False else "", {None: "", True: "good", False: "fair"}[inside]
+        ),
         "failed": Cell(failed.replace(", ", "\n"), "", "bad" if s.failures else ""),
         "cost / ckf": Cell(board.cost_text(one)),
         "heading spread": Cell(*board.spread_text(s)),
     }
 
 
+def _score(one: Results) -> tuple[float, Interval]:
+    """The main score with its interval, in the unit of :func:`_limit`."""
+    s = one.summary
+    if s.navigation is None:
+        return s.rms["U"], s.rms_ci["U"]
+    return s.navigation.armse[board.about(one.task)]
+
+
+def _limit(one: Results, task: Task) -> float | None:
+    """The bound of the main score."""
+    if not task.bound:
+        return None
+    if one.summary.navigation is None:
+        return float(task.bound.steady[2]) / ARCSEC
+    return one.bound_means.get(board.about(one.task))
+
+
 def _whiskers(group: Sequence[Results], task: Task) -> Callable[[Results], Whisker | None]:
-    """Places of the azimuth's RMS and interval; a few solvers that fail are off the axis, lest they flatten the others."""
-    bound = float(task.bound.steady[2]) / ARCSEC if task.bound else None
-    values = [one.summary.rms["U"] for one in group]
-    ends = [end for one in group for end in (one.summary.rms["U"], *one.summary.rms_ci["U"])] + [bound or math.nan]
+    """Places of the main score and its interval; a few solvers that fail are off the axis, lest they flatten the others."""
+    bound = _limit(group[0], task)
+    scores = {one.label: _score(one) for one in group}
+    values = [value for value, _ in scores.values()]
+    ends = [end for value, ci in scores.values() for end in (value, *ci)] + [bound or math.nan]
     known = [math.log(end) for end in ends if math.isfinite(end) and end > 0]
     low, high = (min(known), max(known)) if known else (0.0, 0.0)
     usual = statistics.median(values)
@@ -126,10 +152,10 @@ def _whiskers(group: Sequence[Results], task: Task) -> Callable[[Results], Whisk
         return (math.log(value) - low) / (high - low) if value > 0 else 0.0
 
     def whisker(one: Results) -> Whisker | None:
-        value = one.summary.rms["U"]
+        value, interval = scores[one.label]
         if not math.isfinite(value) or high <= low:
             return None
-        ci = [end if math.isfinite(end) else value for end in one.summary.rms_ci["U"]]
+        ci = [end if math.isfinite(end) else value for end in interval]
         return Whisker(place(value), place(ci[0]), place(ci[1]), place(bound) if bound else None)
 
     return whisker

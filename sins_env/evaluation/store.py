@@ -202,6 +202,11 @@ class Store:
         """JSON of the task when its runs were made; None in files that are older than that."""
         return self._of_task("definition", task)
 
+    def navigates(self, task: str) -> bool:
+        """Whether its runs have velocity and position, too."""
+        criteria = self._of_task("criteria", task)
+        return criteria is not None and criteria_of(criteria).navigates
+
     def _of_task(self, column: str, task: str) -> str | None:
         with self._errors():
             found = self._db.execute(f"SELECT {column} FROM tasks WHERE task = ?", (task,)).fetchone()

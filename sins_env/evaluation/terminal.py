@@ -14,13 +14,15 @@ from rich.table import Table
 from rich.text import Text
 
 from sins_env.evaluation.board import (
-    angle,
-    angle_interval,
+    Column,
+    bound_heading,
     bound_text,
     by_task,
     cost_text,
+    error_columns,
     failure_text,
     footer,
+    nees_of,
     nees_text,
     ranked,
     seconds,
@@ -44,6 +46,9 @@ class _Column:
 MOST_NAME, MOST_SETTING = 60, 24  #: characters of a line below "solver", and of a setting
 #: What a narrow terminal does without, in this order, until the table fits.
 _LESS = ("intervals of east and north", "cost", "east and north", "NEES", "bound", "median time", "failures")
+_LESS_NAVIGATION = (
+    "intervals of the other errors", "cost", "vertical errors", "NEES", "bound", "failures", "the other errors",
+)  # fmt: skip
 
 
 def print_tables(results: Sequence[Results], console: Console) -> None:
@@ -59,7 +64,7 @@ def table(results: Sequence[Results], width: int = 100) -> RenderableType:
     and the lines below the table say which.
     """
     task, lines = results[0].task, ranked(results)
-    order = [part for part in _LESS if part not in _absent(results)]
+    order = [part for part in _order(results) if part not in _absent(results)]
     for less in range(len(order) + 1):
         found, room = _table(lines, _columns(results, order[:less]), width)
         if room >= max(_longest(one) for _, one in lines):
@@ -72,44 +77,63 @@ def table(results: Sequence[Results], width: int = 100) -> RenderableType:
     return Group(title, found, Text(notes, style="dim"))
 
 
+def _order(results: Sequence[Results]) -> tuple[str, ...]:
+    return _LESS if results[0].summary.navigation is None else _LESS_NAVIGATION
+
+
 def _absent(results: Sequence[Results]) -> set[str]:
     """Columns that no line of the table could fill."""
-    there = {"NEES": any(one.summary.nees for one in results), "bound": any(one.bound for one in results)}
+    there = {"NEES": any(nees_of(one.summary)[0] for one in results), "bound": any(one.bound for one in results)}
+    there["spread"] = bool(results[0].task.windows)
     return {part for part, known in there.items() if not known}
 
 
 def _said(parts: Sequence[str]) -> list[str]:
-    return [part for part in parts if not (part.startswith("intervals") and "east and north" in parts)]
+    return [
+        part for part in parts if part.removeprefix("intervals of ") not in parts or not part.startswith("intervals")
+    ]
 
 
 def _columns(results: Sequence[Results], less: Sequence[str]) -> list[_Column]:
     """Those right of the solver."""
-    level_ci = _LESS[0] not in less
+    order, navigates = _order(results), results[0].summary.navigation is not None
+    others = order[0].removeprefix("intervals of ")
 
-    def rms(axis: str, interval: bool = True) -> Callable[[int, Results], Text]:
+    def errors(column: Column) -> _Column:
+        shown = column.main or order[0] not in less
+
         def cell(_: int, one: Results) -> Text:
-            s = one.summary
-            return _stacked(angle(s.rms[axis]), angle_interval(s.rms_ci[axis]) if interval else "")
+            value, ci = column.cell(one)
+            return _stacked(value, ci if shown else "")
 
-        return cell
+        part = "vertical errors" if column.name.endswith("vertical") else others
+        return _Column(_heading(column), cell, "" if column.main else part)
 
     def time(_: int, one: Results) -> Text:
         return _stacked(seconds(one.summary.t_conv_median_s), seconds_interval(one.summary.t_conv_ci_s))
 
     out = [
         _Column("runs\naligned", lambda _, one: _success(one.summary)),
-        _Column("median\ntime, s", time, "median time"),
-        _Column('azimuth\nRMS, "', rms("U")),
-        _Column('east\nRMS, "', rms("E", level_ci), "east and north"),
-        _Column('north\nRMS, "', rms("N", level_ci), "east and north"),
-        _Column("RMS /\nbound", lambda _, one: _bound(one), "bound"),
-        _Column("NEES\n/ 3", lambda _, one: _nees(one.summary), "NEES"),
+        *([] if navigates else [_Column("median\ntime, s", time, "median time")]),
+        *map(errors, error_columns(results[0])),
+        _Column(bound_heading(results[0]).replace("/ ", "/\n"), lambda _, one: _bound(one), "bound"),
+        _Column(f"NEES\n/ {nees_of(results[0].summary)[1]}", lambda _, one: _nees(one.summary), "NEES"),
         _Column("failed", lambda _, one: _failures(one.summary), "failures"),
         _Column("cost\n/ ckf", lambda _, one: Text(cost_text(one)), "cost"),
-        _Column("heading\nspread, °", lambda _, one: _stacked(*spread_text(one.summary))),
+        _Column("heading\nspread, °", lambda _, one: _stacked(*spread_text(one.summary)), "spread"),
     ]
     absent = set(less) | _absent(results)
-    return [c for c in out if c.part not in absent and (results[0].task.windows or not c.heading.startswith("heading"))]
+    return [column for column in out if column.part not in absent]
+
+
+_SHORT = {"horizontal": "hor.", "vertical": "vert."}
+
+
+def _heading(column: Column) -> str:
+    """On two lines."""
+    *first, last = column.name.replace(",", "").split(" ", 1)
+    last = f"{_SHORT.get(last, last)}, {column.unit}"
+    return "\n".join([*first, last]) if first else last.replace(", ", "\n")
 
 
 def _table(lines: Sequence[tuple[int, Results]], columns: Sequence[_Column], width: int) -> tuple[Table, int]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sins_env.evaluation import monte_carlo, registry
-from sins_env.evaluation.criteria import AXES, NEES_AT
+from sins_env.evaluation.criteria import AXES, COMPONENTS, NEES_AT
 from sins_env.evaluation.executors import Runner
 from sins_env.evaluation.records import Records
 from sins_env.evaluation.rows import Key, binding, definition_text
@@ -136,9 +136,16 @@ def _difference(stored: dict[str, Any], now: dict[str, Any]) -> str:
             text = _unequal(f"{name} {axis}", stored[name][j], now[name][j], size[j])
             if text:
                 return f"{text} rad"
+    for name in ("span_rms", "span_final"):
+        for component, before, after in zip(COMPONENTS, stored[name], now[name], strict=False):
+            if text := _unequal(f"{name} {component}", before, after, 1e-3):
+                return text
     others = [(f"t_conv {axis}", stored["t_conv"][j], now["t_conv"][j]) for j, axis in enumerate(AXES)]
     others += [("heading", stored["heading"], now["heading"])]
     others += [(f"nees at {part:.0%}", stored["nees"][j], now["nees"][j]) for j, part in enumerate(NEES_AT)]
+    others += [
+        (f"nees of all at {part:.0%}", stored["nees_all"][j], now["nees_all"][j]) for j, part in enumerate(NEES_AT)
+    ]
     return next(filter(None, (_unequal(*other) for other in others)), "")
 
 

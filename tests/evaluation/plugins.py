@@ -369,3 +369,28 @@ def with_setting(gain: float = 1.0):
 
 def broken_factory():
     return 1 / 0
+
+
+class FollowsFixes:
+    """Navigation without a filter: the told attitude, and velocity and position of the last fix."""
+
+    batched = True
+
+    def __init__(self, velocity_mps=0.0):
+        self.velocity_mps = velocity_mps  #: added to the velocity east
+
+    def reset(self, task, rng, num_runs=1):
+        self.task, self.state = task, [np.array(part) for part in task.start]
+
+    def step(self, obs):
+        q, vel, pos = self.state
+        fixed = obs["gps_valid"] == 1
+        self.state = [q, np.where(fixed, obs["gps_vel"], vel), np.where(fixed, obs["gps_pos"], pos)]
+        action = np.concatenate(self.state, axis=-1)
+        action[..., 4] += self.velocity_mps
+        return action
+
+    def covariance(self):
+        P = self.task.prior.P0[:9, :9].copy()
+        P[3:, 3:] = self.task.prior.R
+        return np.broadcast_to(P, (*self.state[0].shape[:-1], 9, 9))

@@ -11,9 +11,9 @@ import pytest
 from rich.console import Console
 
 from sins_env.evaluation import board, plots, terminal
+from sins_env.evaluation.consistency import Nees, nees_band
 from sins_env.evaluation.cost import Cost
 from sins_env.evaluation.criteria import Criteria
-from sins_env.evaluation.metrics import Nees, nees_band
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.outcome import save_figure
 from sins_env.evaluation.scoring import score

@@ -34,7 +34,7 @@ def file(tmp_path, monkeypatch, short):
 def check(rows, file, inf):
     """``rows``: dicts of values of their own type."""
     assert len(rows) == 6
-    assert list(rows[0]) == export.HEADINGS
+    assert list(rows[0]) == export.headings(False)
     for row in rows:
         records = file[row["solver"]]
         i = row["run"]
@@ -90,7 +90,7 @@ def test_an_empty_file_and_wrong_use(file, monkeypatch, capsys):
     for form in ("csv", "json"):
         assert main(["export", f"--{form}", f"e.{form}", "--db", "empty.sqlite"]) == 0
     assert json.loads(Path("e.json").read_text()) == []
-    assert Path("e.csv").read_text() == ",".join(export.HEADINGS) + "\n"
+    assert Path("e.csv").read_text() == ",".join(export.headings(False)) + "\n"
     capsys.readouterr()
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     for arguments, part in (
