@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -18,8 +18,10 @@ from sins_env.evaluation import registry
 Array = NDArray[np.float64]
 Obs = dict[str, NDArray[Any]]
 
-RUNS, DURATION_S, COARSE_S = 3, 12.0, 6.0
-TOLERANCE = 1e-9
+RUNS, COARSE_S = 3, 6.0
+ALIGNMENT = {"id": "SINS/AlignSway-v0", "duration": 12.0, "start": "told"}
+NAVIGATION = {"id": "SINS/NavFlight-v0", "duration": 5.0, "profile": "lu-gauss"}
+TOLERANCE = 1e-9  #: of a unit quaternion, m/s, rad; of a height of more than a metre relative
 
 
 class Check(NamedTuple):
@@ -38,14 +40,17 @@ class _World:
     """Observations of a few short runs, the same for every check."""
 
     def __init__(self, **settings: Any) -> None:
-        kwargs = {"duration": DURATION_S, **settings}
-        env: Any = gymnasium.make_vec("SINS/AlignSway-v0", num_envs=RUNS, **kwargs)
+        env: Any = gymnasium.make_vec(num_envs=RUNS, **settings)
         obs, info = env.reset(seed=20110607)
         self.task: types.Task = env.unwrapped.task
+        start = info["start"]
+        action = start["q_nb"]
+        if self.task.navigate:
+            action = np.concatenate([action, start["vel"], start["pos"]], axis=1)
         self.observations: list[Obs] = []
         for _ in range(self.task.num_epochs):
             self.observations.append(obs)
-            obs = env.step(info["start"]["q_nb"])[0]
+            obs = env.step(action)[0]
         env.close()
 
     def one(self, run: int) -> tuple[types.Task, list[Obs]]:
@@ -65,9 +70,12 @@ def _rng(run: int) -> np.random.Generator:
 class _Checker:
     """Holds what the checks share; each public check's docstring is its name."""
 
-    def __init__(self, solver: registry.Solver, settings: Mapping[str, Any] | None) -> None:
+    def __init__(
+        self, solver: registry.Solver, settings: Mapping[str, Any] | None, world: Mapping[str, Any] = ALIGNMENT
+    ) -> None:
         self.solver, self.settings = solver, settings
-        self.told = _World(start="told")
+        self.told = _World(**world)
+        self.width, self.errors = (10, 9) if self.told.task.navigate else (4, 3)
 
     def make(self) -> Any:
         return registry.make(self.solver, self.settings)
@@ -77,23 +85,33 @@ class _Checker:
         return bool(self.make().batched)
 
     def drive(self, estimator: Any, task: types.Task, observations: Sequence[Obs], runs: int | None = None) -> Array:
-        """Actions (K, 4), or (K, runs, 4)."""
+        """Actions (K, width), or (K, runs, width)."""
         rng: Any = _rng(0) if runs is None else [_rng(run) for run in range(runs)]
         estimator.reset(task, rng, runs or 1)
-        shape = (4,) if runs is None else (runs, 4)
+        shape = (self.width,) if runs is None else (runs, self.width)
         actions = []
         for k, obs in enumerate(observations, start=1):
             action = np.array(estimator.step(obs), dtype=np.float64)
             if action.shape != shape:
                 raise _Bad(f"step returned shape {action.shape} at epoch {k}; allowed: {shape}")
-            if not np.isfinite(action).all() or not np.any(action, axis=-1).all():
+            if not np.isfinite(action).all() or not np.any(action[..., :4], axis=-1).all():
                 raise _Bad(f"step returned {np.array2string(action, precision=3)} at epoch {k}: no attitude")
             actions.append(action)
         return np.array(actions)
 
+    def refusal(self) -> str:
+        """Why it is not for tasks of this kind; empty where its first action is of the right width."""
+        (task, observations), estimator = self.told.one(0), self.make()
+        try:
+            estimator.reset(task, _rng(0), 1)
+            shape = np.shape(estimator.step(observations[0]))
+        except Exception as error:
+            return f"raised {type(error).__name__}: {' '.join(str(error).split())}"
+        return "" if shape[-1:] == (self.width,) else f"step returned shape {shape}, not ({self.width},)"
+
     @cached_property
     def alone(self) -> Array:
-        """Actions of run 0 on its own, (K, 4)."""
+        """Actions of run 0 on its own, (K, width)."""
         return self.drive(self.make(), *self.told.one(0))
 
     def members(self) -> str:
@@ -107,11 +125,11 @@ class _Checker:
         return f"batched = {bool(estimator.batched)}"
 
     def single(self) -> str:
-        """one run: actions of shape (4,), finite"""
+        """one run: actions of shape ({width},), finite"""
         return f"{len(self.alone)} epochs"
 
     def batch(self) -> str | None:
-        """a batch: actions of shape (runs, 4)"""
+        """a batch: actions of shape (runs, {width})"""
         if not self.batched:
             return None
         self.drive(self.make(), *self.told.all(), runs=RUNS)
@@ -167,9 +185,11 @@ class _Checker:
         self.drive(self.make(), task, observations)
         return "every other one missing"
 
-    def unknown_start(self) -> str:
+    def unknown_start(self) -> str | None:
         """begins without a told attitude"""
-        world = _World(start="unknown", coarse=COARSE_S)
+        if self.told.task.navigate:
+            return None
+        world = _World(**{**ALIGNMENT, "start": "unknown", "coarse": COARSE_S})
         self.drive(self.make(), *world.one(0))
         return f"{COARSE_S:g} s coarse"
 
@@ -182,7 +202,7 @@ class _Checker:
         return self._same(self.alone, self.drive(copy, *self.told.one(0)), "an estimator and its pickled copy")
 
     def covariance(self) -> str | None:
-        """covariance, if any: (3, 3) rad^2, symmetric, positive"""
+        """covariance, if any: ({errors}, {errors}), symmetric, positive"""
         if not hasattr(self.make(), "covariance"):
             return None
         cases: list[tuple[Any, int | None]] = [(self.told.one(0), None)]
@@ -191,17 +211,20 @@ class _Checker:
             estimator = self.make()
             self.drive(estimator, task, observations, runs)
             P = np.asarray(estimator.covariance(), dtype=np.float64)
-            shape = (3, 3) if runs is None else (runs, 3, 3)
+            shape = (self.errors,) * 2 if runs is None else (runs, self.errors, self.errors)
             if P.shape != shape:
                 raise _Bad(f"shape {P.shape}; allowed: {shape}")
             if not np.isfinite(P).all() or np.abs(P - np.swapaxes(P, -1, -2)).max() > 1e-9 * np.abs(P).max():
                 raise _Bad("not finite, or not symmetric")
-            if np.linalg.eigvalsh(P).min() <= 0:
-                raise _Bad(f"not positive: its smallest eigenvalue is {np.linalg.eigvalsh(P).min():.3g} rad^2")
+            least = np.linalg.eigvalsh(P).min()
+            if least <= 0:
+                raise _Bad(f"not positive: its smallest eigenvalue is {least:.3g}{'' if self.errors > 3 else ' rad^2'}")
         return ""
 
     def _same(self, a: Array, b: Array, what: str) -> str:
-        away = np.minimum(np.abs(a - b).max(axis=-1), np.abs(a + b).max(axis=-1))  # q and -q are one attitude
+        sign = np.where((a[..., :4] * b[..., :4]).sum(axis=-1) < 0, -1.0, 1.0)  # q and -q are one attitude
+        sign = np.where(np.arange(self.width) < 4, sign[..., None], 1.0)
+        away = (np.abs(a - sign * b) / np.maximum(np.abs(a), 1.0)).max(axis=-1)
         if away.max() > TOLERANCE:
             k = int(np.argmax(away > TOLERANCE)) + 1
             raise _Bad(f"{what} differ by {away.max():.2g}, first at epoch {k}")
@@ -214,7 +237,7 @@ class _Checker:
             self.covariance,
         )  # fmt: skip
         for check in checks:
-            name = (check.__doc__ or "").strip()
+            name = (check.__doc__ or "").strip().format(width=self.width, errors=self.errors)
             try:
                 detail = check()
                 yield Check(name, None if detail is None else True, "does not apply" if detail is None else detail)
@@ -231,6 +254,8 @@ def check_estimator(
 ) -> list[Check]:
     """Hold an estimator against the contract; ``all(check.passed is not False for check in ...)`` is a pass.
 
+    It is held against the contract of alignment, of navigation, or of both: whichever tasks it answers.
+
     Args:
         solver: a factory, a name, or ``module:Factory``.
         on_check: called as each check ends.
@@ -241,8 +266,22 @@ def check_estimator(
     """
     registry.make(solver, settings)
     out = []
-    for check in _Checker(solver, settings).results():
+    for check in _both(solver, settings):
         out.append(check)
         if on_check:
             on_check(check)
     return out
+
+
+def _both(solver: registry.Solver, settings: Mapping[str, Any] | None) -> Iterator[Check]:
+    alignment, navigation = (_Checker(solver, settings, world) for world in (ALIGNMENT, NAVIGATION))
+    not_navigating = navigation.refusal()
+    if not not_navigating and (reason := alignment.refusal()):
+        yield Check("alignment", None, f"does not apply: it navigates only ({reason})")
+    else:
+        yield from alignment.results()
+    if not_navigating:
+        yield Check("navigation", None, f"does not apply ({not_navigating})")
+        return
+    for check in navigation.results():
+        yield check._replace(name=f"navigation: {check.name}")

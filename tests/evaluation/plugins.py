@@ -376,21 +376,31 @@ class FollowsFixes:
 
     batched = True
 
-    def __init__(self, velocity_mps=0.0):
+    def __init__(self, velocity_mps=0.0, fail_at=0, nan_at=0, narrow_at=0):
         self.velocity_mps = velocity_mps  #: added to the velocity east
+        self.fail_at, self.nan_at, self.narrow_at = fail_at, nan_at, narrow_at  #: epochs, from 1
 
     def reset(self, task, rng, num_runs=1):
-        self.task, self.state = task, [np.array(part) for part in task.start]
+        self.task, self.state, self.k = task, [np.array(part) for part in task.start], 0
 
     def step(self, obs):
+        self.k += 1
+        if self.k == self.fail_at:
+            raise RuntimeError("no fix")
         q, vel, pos = self.state
         fixed = obs["gps_valid"] == 1
         self.state = [q, np.where(fixed, obs["gps_vel"], vel), np.where(fixed, obs["gps_pos"], pos)]
         action = np.concatenate(self.state, axis=-1)
         action[..., 4] += self.velocity_mps
-        return action
+        if self.k >= self.nan_at > 0:
+            action[..., 9] = np.nan
+        return action[..., :4] if self.k == self.narrow_at else action
 
     def covariance(self):
         P = self.task.prior.P0[:9, :9].copy()
         P[3:, 3:] = self.task.prior.R
         return np.broadcast_to(P, (*self.state[0].shape[:-1], 9, 9))
+
+
+class FollowsFixesAlone(FollowsFixes):
+    batched = False

@@ -175,6 +175,38 @@ def test_a_file_of_an_older_schema_is_brought_up_to_date(old_file, results, key)
         assert db.digest_of(key.task) == tasks.digest(results.task)
 
 
+@pytest.fixture
+def third(tmp_path):
+    """A file that the code of the third schema wrote, as text; and the table that it made of it."""
+    path, data = tmp_path / "third.sqlite", Path(__file__).with_name("data")
+    db = sqlite3.connect(path)
+    db.executescript((data / "schema3.sql").read_text())
+    db.close()
+    return path, (data / "schema3.csv").read_text()
+
+
+def test_a_file_of_the_third_schema_gives_the_same_table(third):
+    path, table = third
+    before = path.read_bytes()
+    with Store(path, read_only=True) as db:
+        keys = db.keys()
+        assert board.as_csv([db.results(key) for key in keys]) == table
+    assert path.read_bytes() == before
+
+
+def test_a_file_of_the_third_schema_goes_on(third, short):
+    path, table = third
+    with Store(path) as db:
+        (key, told) = db.keys()
+        db.add_task(short)
+        more = evaluate(short, key.solver, [3], workers=1, settings={"epoch": 150}, cost=False).records
+        db.add(key, more)
+        assert db.runs_of(key) == {0, 1, 2, 3}
+        assert board.as_csv([db.results(told)]).splitlines()[1] == table.splitlines()[1]
+        assert db.results(key).records.reason[3] == more.reason[0]
+        assert db._db.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
+
+
 # ---- from the file alone ----
 
 
