@@ -291,7 +291,7 @@ def test_check(cli):
     code, out, err = cli("check", PLUGIN + "GlobalRandom")
     assert code == 1
     assert "FAIL  draws from its rng only" in out
-    assert err == [f"sins-env: {PLUGIN}GlobalRandom fails 1 of 12 checks"]
+    assert err == [f"sins-env: {PLUGIN}GlobalRandom fails 1 of 13 checks"]
 
 
 def test_bench(cli, monkeypatch):
