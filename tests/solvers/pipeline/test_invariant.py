@@ -7,7 +7,8 @@ from scipy.linalg import expm, logm
 from sins_env import attitude, earth
 from sins_env.types import NavState
 from solvers.blocks.moments import tangent
-from solvers.pipeline import feedback
+from solvers.filters import make_filter
+from solvers.pipeline import feedback, strapdown
 from solvers.pipeline.invariant import Chart, Invariant
 from solvers.pipeline.navigation_errors import PHI, POS, VEL, NavigationErrors
 from solvers.pipeline.strapdown import EpochMotion
@@ -127,6 +128,35 @@ def test_reset_is_the_product_of_exponentials():
     J = jacobian(xi_hat)
     for i in range(15):
         np.testing.assert_allclose(J[..., i], (g(xi_hat + step[i]) - g(xi_hat - step[i])) / (2 * step[i, i]), atol=1e-5)
+
+
+@pytest.mark.parametrize("position", [True, False])
+def test_for_small_errors_the_filter_is_the_kalman_filter(position):
+    """Prediction and update at zero error, mapped back: mean and covariance of kf on the model's own errors."""
+    model, site = earth.get("wgs84"), np.array([0.6, 1.9, 300.0])
+    errors, coordinates = NavigationErrors(position), Invariant(model, site, position)
+    n = len(errors.of_prior)
+    ins = strapdown.Strapdown(model, 1.0, 3, site, hold_position=not position)
+    q = attitude.normalize(RNG.standard_normal((4, 4)))
+    before = NavState(q, HELD[:, 0], earth.displace(model, site, HELD[:, 1]) if position else np.tile(site, (4, 1)))
+    dtheta, dvel = 0.1 * RNG.standard_normal((4, 3, 3)), 3.0 + RNG.standard_normal((4, 3, 3))
+    state, motion = ins.advance(ins.start(before), dtheta, dvel)
+    P0 = np.broadcast_to(np.diag((0.01 * SCALE[errors.of_prior]) ** 2), (4, n, n))
+    Q = np.diag((0.003 * SCALE[errors.of_prior]) ** 2)
+    tr = errors.transition(motion, Q)
+    m = errors.seen.stop - errors.seen.start
+    arm = np.broadcast_to([[0.3, 0.2, -0.1], [1.0, -2.0, 0.5]], (4, 2, 3))
+    me = errors.measurement(1e-5 * RNG.standard_normal((4, m)), 0.01 * np.eye(m), arm)
+    kf, inekf = make_filter("kf"), make_filter("inekf")
+    x = Gaussian(np.zeros((4, n)), P0)
+    expected = kf.estimate(kf.step(kf.init(x), tr, me)[0])
+    moved = coordinates.transition(tr, before, state.nav), coordinates.measurement(me, state.nav)
+    b, _ = inekf.step(inekf.init(coordinates.prior(x, before)), *moved)
+    got = coordinates.gaussian(inekf.estimate(b), state.nav)
+    scale = np.sqrt(np.diagonal(expected.cov, axis1=-2, axis2=-1))
+    np.testing.assert_allclose(got.mean / scale, expected.mean / scale, atol=1e-6)
+    outer = scale[:, :, None] * scale[:, None, :]
+    np.testing.assert_allclose(got.cov / outer, expected.cov / outer, atol=1e-5)
 
 
 def test_covariance_comes_back_as_it_went_in():
