@@ -1,6 +1,6 @@
-"""solvers: the mathematics. Every filter of the sources as a small frozen dataclass, and the pipeline from IMU to attitude.
+"""solvers: the mathematics. Every filter of the sources as a small frozen dataclass, and the pipeline around it.
 
-    make("ckf")                             the complete estimator, as ``sins-env`` runs it
+    make("ckf")                             the complete estimator, as ``sins-env`` runs it: aligns or navigates as the task asks
     make("ckf", feedback="closed")          settings of the pipeline and of the filter, by name
     names()                                 what there is
     @register("mine")                       make a filter of your own known by name
@@ -57,7 +57,7 @@ def describe(name: str) -> str:
 def make(name: str, **given: Any) -> Estimator:
     """The estimator ``name``: the pipeline around that filter, for tasks of alignment and of navigation.
 
-    The settings given are those of the pipeline (``model bias_frame feedback coarse``) and of the filter.
+    The settings given are those of the pipeline (``model bias_frame feedback coordinates coarse``) and of the filter.
 
     Raises:
         ValueError: an unknown name or setting, with the nearest valid one.

@@ -49,6 +49,18 @@ def test_sway_white_reaches_the_information_limit(solver):
     assert np.all(estimator.health().failed_at == -1)
 
 
+def test_invariant_filter_aligns_as_well():
+    """Twelve states in invariant coordinates, closed loop: level to the accelerometers, errors that its covariance explains."""
+    phi, estimator = run("inekf", 16, duration=60.0)
+    assert np.all(np.sqrt(np.mean(phi[-1, :, :2] ** 2, axis=0)) < 30 * ARCSEC)  # 20.9 from 100 ug, +-3.7
+    P = estimator.covariance()
+    assert P.shape == (16, 3, 3)
+    nees = np.sum(phi[-1] * np.linalg.solve(P, phi[-1][..., None])[..., 0], axis=-1).mean() / 3
+    low, high = stats.chi2.ppf([0.0005, 0.9995], 48) / 48
+    assert low < nees < 1.33 * high  # bound.md: 1.33 at 60 s
+    assert np.abs(estimator.running.filter.estimate(estimator.running._belief).mean).max() < 1e-9
+
+
 @pytest.mark.parametrize("solver", ["ekf", "ukf", "ckf"])
 def test_closed_loop_agrees_with_open_loop(solver):
     """The same filter with and without feedback: a tenth of its sigma (2500 arcsec at 120 s) apart."""
