@@ -204,9 +204,14 @@ def parser() -> argparse.ArgumentParser:
         "--window", type=float, nargs=2, action="append", default=[], metavar=("START", "LENGTH"), help=whole
     )
     sub.add_argument("--stride", type=float, metavar="S", help="as many windows as fit, each so much later")
-    sub.add_argument("--coarse", type=float, metavar="S", help="coarse phase (default 90 s)")
+    sub.add_argument("--mode", metavar="NAME", help="align (default), or navigate: velocity and position too")
+    sub.add_argument("--coarse", type=float, metavar="S", help="coarse phase (default 90 s, 60 s to navigate)")
     sub.add_argument("--epoch", type=float, metavar="S", help="of the navigation (default 0.1 s)")
     sub.add_argument("--imu", metavar="NAME", help="IMU preset that the solver is told (default rlg-car)")
+    outage = "withhold the fixes of these seconds of the window; may be repeated"
+    sub.add_argument(
+        "--outage", type=float, nargs=2, action="append", default=[], metavar=("START", "END"), help=outage
+    )
     sub.add_argument("--seed", type=_seed, default=0, metavar="N", help="of solvers that draw")
     sub.add_argument("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting")
     sub.add_argument("--plot", metavar="FILE", help="draw heading, pitch, roll and their spread")

@@ -9,11 +9,12 @@ from pathlib import Path
 from rich.console import Console
 
 from sins_env import recordings
-from sins_env.evaluation import replaying
+from sins_env.evaluation import replaying, track
 from sins_env.evaluation.guard import EstimatorError
 from sins_env.evaluation.outcome import RunFailed, check_plot, remark, save_figure
 from sins_env.evaluation.progress import Bar
 from sins_env.evaluation.replay_figure import replay_figure
+from sins_env.evaluation.track_figure import track_figure
 
 
 def convert(given: Namespace, console: Console) -> int:
@@ -47,9 +48,11 @@ def replay(given: Namespace, console: Console) -> int:
     check_plot(given.plot)
     settings = {
         name: value
-        for name, value in (("coarse", given.coarse), ("epoch", given.epoch), ("imu", given.imu))
+        for name, value in (("coarse", given.coarse), ("epoch", given.epoch), ("imu", given.imu), ("mode", given.mode))
         if value is not None
     }
+    if given.outage:
+        settings["gps"] = {"outages_s": given.outage}
     try:
         with Bar(f"{given.solver} on {given.recording}") as bar:
             one = replaying.replay(
@@ -65,8 +68,10 @@ def replay(given: Namespace, console: Console) -> int:
     except EstimatorError as error:
         raise RunFailed(f"{given.solver} on {given.recording}: {error}") from error
     console.print(replaying.table(one))
+    if one.track is not None:
+        console.print(track.table(one, replaying.MOST_ROWS))
     if given.plot:
-        save_figure(replay_figure(one), given.plot)
+        save_figure(replay_figure(one) if one.track is None else track_figure(one), given.plot)
     for start, why in zip(one.starts, one.failed, strict=True):
         if why:
             raise RunFailed(f"{given.solver} on {one.recording}, window from {recordings.seconds(start)} s: {why}")

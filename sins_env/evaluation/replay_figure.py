@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 MOST_NAMED = 8  #: windows that the legend names
 JUMP_DEG = 20.0  #: from one epoch to the next: a line is not drawn across, nothing turns so fast but a first guess
-_COLOUR, _REFERENCE, _SPREAD = "#0072B2", "0.15", "#D55E00"
+_COLOUR, REFERENCE, _SPREAD = "#0072B2", "0.15", "#D55E00"
 
 
 def replay_figure(one: Replay) -> Figure:
@@ -43,10 +43,7 @@ def replay_figure(one: Replay) -> Figure:
             axes.axvspan(0, one.coarse_s, color="0.5", alpha=0.15, linewidth=0, label="coarse phase")
     for axes in panels[-1]:
         axes.set(xlabel="time in the window, s", xlim=(0, one.t[-1]))
-    end = seconds(one.starts[0] + one.t[-1])
-    many = f"{len(one.starts)} windows of {one.t[-1]:g} s"
-    windows = many if len(one.starts) > 1 else f"{seconds(one.starts[0])} to {end} s"
-    out.suptitle(f"{one.solver} on {one.recording}, {windows}", x=0.01, ha="left", fontsize=12)
+    out.suptitle(f"{one.solver} on {one.recording}, {windows_text(one)}", x=0.01, ha="left", fontsize=12)
     named = dict(zip(*panels[0, 0].get_legend_handles_labels()[::-1], strict=True))
     for last in ("reference", "coarse phase"):
         if last in named:
@@ -67,8 +64,8 @@ def _draw_angle(axes: Axes, one: Replay, j: int, name: str) -> None:
         return np.degrees((centre % (2 * np.pi) if j == 0 else centre) + attitude.wrap(values - centre))
 
     shown = []
-    for i, (start, colour) in enumerate(zip(one.starts, _colours(len(one.starts)), strict=True)):
-        label = f"estimate from {seconds(start)} s" if len(one.starts) <= MOST_NAMED or i == 0 else None
+    for i, colour in enumerate(colours(len(one.starts))):
+        label = window_label(one, i)
         line = degrees(one.angles[i, :, j])
         broken = np.where(np.abs(np.diff(line, prepend=line[:1])) > JUMP_DEG, np.nan, line)
         axes.plot(one.t, broken, color=colour, linewidth=1.0, alpha=0.8, label=label)
@@ -77,7 +74,7 @@ def _draw_angle(axes: Axes, one: Replay, j: int, name: str) -> None:
         if one.reference is not None:
             label = "reference" if i == 0 else None
             line = degrees(one.reference[i, :, j])
-            axes.plot(one.t, line, color=_REFERENCE, linewidth=0.8, linestyle=(0, (4, 2)), label=label)
+            axes.plot(one.t, line, color=REFERENCE, linewidth=0.8, linestyle=(0, (4, 2)), label=label)
             shown.append(line[fine])
     values = np.concatenate(shown) if shown else np.zeros(1)
     values = values[np.isfinite(values)]
@@ -94,7 +91,19 @@ def _draw_angle(axes: Axes, one: Replay, j: int, name: str) -> None:
     axes.set_ylabel("deg")
 
 
-def _colours(count: int) -> Any:
+def windows_text(one: Replay) -> str:
+    """Where it was played."""
+    if len(one.starts) > 1:
+        return f"{len(one.starts)} windows of {one.t[-1]:g} s"
+    return f"{seconds(one.starts[0])} to {seconds(one.starts[0] + one.t[-1])} s"
+
+
+def window_label(one: Replay, i: int) -> str | None:
+    """For the legend, as far as it has room."""
+    return f"estimate from {seconds(one.starts[i])} s" if len(one.starts) <= MOST_NAMED or i == 0 else None
+
+
+def colours(count: int) -> Any:
     """One per window, in order of time."""
     import matplotlib
 

@@ -1,4 +1,5 @@
-"""``replay``: one solver on windows of any recording; heading, pitch, roll, and how far they scatter over the windows.
+"""``replay``: one solver on windows of any recording; heading, pitch, roll, and how far they scatter over the windows; where it
+navigates, velocity and position too (:mod:`sins_env.evaluation.track`).
 
 Where the recording has a reference the scatter is that of the errors against it, else that of the angles themselves,
 which says something of a base that stands.
@@ -20,6 +21,7 @@ from sins_env.evaluation import registry
 from sins_env.evaluation.guard import Guard
 from sins_env.evaluation.outcome import titled
 from sins_env.evaluation.tasks import is_scored
+from sins_env.evaluation.track import Track
 from sins_env.recordings import heading_pitch_roll, seconds
 
 Array = NDArray[np.float64]
@@ -40,6 +42,7 @@ class Replay:
     angles: Array  #: (W, K, 3)
     reference: Array | None  #: (W, K, 3)
     failed: tuple[str, ...]  #: (W,) why a window failed; empty where it did not
+    track: Track | None = None  #: None in alignment
 
     @property
     def scatter(self) -> Array:
@@ -104,17 +107,22 @@ def replay(
         played.append(_play(one, registry.make(solver, settings), seed, report))
         done += public.duration_s * one.num_envs
         one.close()
-    angles = np.concatenate([part[0] for part in played])
-    references = [part[1] for part in played if part[1] is not None]
+    actions, fixes, errors, truth = (np.concatenate([part[i] for part in played]) for i in range(4))
+    recording_ = made[0].unwrapped.episode.world.recording
+    starts = np.concatenate([one.unwrapped.episode.world.windows.starts for one in made])
+    t = (1 + np.arange(public.num_epochs)) * public.epoch_s
+    fine = t > public.coarse_s + 1e-9
+    states = (actions[..., :4], actions[..., 7:], fixes, errors[..., :3], errors[..., 3:])
     return Replay(
-        made[0].unwrapped.episode.world.recording.name,
+        recording_.name,
         registry.solver_name(solver),
-        np.concatenate([one.unwrapped.episode.world.windows.starts for one in made]),
-        (1 + np.arange(public.num_epochs)) * public.epoch_s,
+        starts,
+        t,
         public.coarse_s,
-        angles,
-        np.concatenate(references) if references else None,
-        tuple(why for part in played for why in part[2]),
+        _angles(actions[..., :4]),
+        _angles(truth) if recording_.reference is not None else None,
+        tuple(why for part in played for why in part[4]),
+        Track(recording_, starts, t, fine, *states) if public.navigate else None,
     )
 
 
@@ -135,23 +143,28 @@ def _make(recording: str, settings: Mapping[str, Any], stride: float | None, bat
 
 def _play(
     env: Any, estimator: Any, seed: int, report: Callable[[float, str], None]
-) -> tuple[Array, Array | None, list[str]]:
-    """Angles (W, K, 3), the reference's, and why each window failed."""
+) -> tuple[Array, Array, Array, Array, list[str]]:
+    """Actions (W, K, 4 or 10), and NaN where there are none: positions of the fixes (W, K, 3), errors of velocity and position
+    (W, K, 6), attitudes of the reference (W, K, 4); and why each window failed."""
     count, task = env.num_envs, env.unwrapped.task
     obs, _ = env.reset(seed=seed, options={"window": list(range(count))})
     scored, guard = is_scored(env), Guard(estimator, count)
     rngs = [np.random.default_rng([seed, row]) for row in range(count)]
     guard.reset(env.unwrapped.task, rngs)
-    actions = np.empty((task.num_epochs, count, 4))
-    truth, bad = np.empty_like(actions), np.zeros(count, dtype=np.int64)
+    actions = np.empty((count, task.num_epochs, env.single_action_space.shape[0]))
+    fixes, errors, truth = (np.full((count, task.num_epochs, n), np.nan) for n in (3, 6, 4))
+    bad = np.zeros(count, dtype=np.int64)
     for k in range(task.num_epochs):
-        actions[k] = guard.step(obs)
-        obs, _, _, _, info = env.step(actions[k])
+        fixes[:, k] = np.where(obs["gps_valid"] == 1, obs["gps_pos"], np.nan)
+        actions[:, k] = guard.step(obs)
+        obs, _, _, _, info = env.step(actions[:, k])
         bad += info["failed"]
         if scored:
-            truth[k] = info["truth"]["q_nb"]
+            truth[:, k] = info["truth"]["q_nb"]
+        if scored and task.navigate:
+            errors[:, k] = np.concatenate([info["errors"]["vel"], info["errors"]["pos"]], axis=1)
         if k % 10 == 9:
-            heading = np.degrees(_angles(actions[k, :1])[0, 0])
+            heading = np.degrees(_angles(actions[0, k, :4])[0])
             report((k + 1) * task.epoch_s * count, f"heading {heading:8.3f} deg" if np.isfinite(heading) else "")
     _, _, frozen = guard.health()
     why = [
@@ -162,8 +175,7 @@ def _play(
         else ""
         for i in range(count)
     ]
-    reference = np.moveaxis(_angles(truth), 0, 1) if scored else None
-    return np.moveaxis(_angles(actions), 0, 1), reference, why
+    return actions, fixes, errors, truth, why
 
 
 def _angles(q: Array) -> Array:

@@ -21,6 +21,7 @@ DIGESTS = {
     "sway-heavytail-v0": "967585caaf2efde1",
     "sway-anyheading-v0": "e069acc635ced5fd",
     "rlg-car-v0": "2d69dc1955b9ca4f",
+    "navgrade-car-v0": "0",
     "flight-sun2012-v0": "524b1b52ba5d8cd6",
     "flight-sun2012-fixed-v0": "bf9a58fab9da0acf",
     "flight-sun2012-physical-v0": "e67812be9982a921",
@@ -44,6 +45,7 @@ THRESHOLDS = {
     "sway-heavytail-v0": (0.7, 70, 360, 0),
     "sway-anyheading-v0": (0.7, 70, 360, 0),
     "rlg-car-v0": (0.3, 90, 300, 90),
+    "navgrade-car-v0": (0.5, 210, 136.35, 68),
     "flight-sun2012-v0": (2.3, 110, 900, 0),
     "flight-sun2012-fixed-v0": (2.3, 110, 900, 0),
     "flight-sun2012-physical-v0": (0.3, 130, 900, 0),
@@ -79,6 +81,17 @@ def test_digest_of_the_recording(recorded):
     world = task.make(1).unwrapped.episode.world
     assert len(world.windows.starts) == task.windows
     np.testing.assert_allclose(world.windows.starts, 150.0 * np.arange(7))
+
+
+@pytest.mark.parametrize("recorded", ["navgrade_car_gps.npz"], indirect=True)
+def test_digest_of_the_drive(recorded):
+    task = get_task("navgrade-car-v0")
+    assert digest(task) == DIGESTS[task.name]
+    env = task.make(1).unwrapped
+    public, world = env.task, env.episode.world
+    assert (public.navigate, public.num_epochs, public.coarse_s, len(world.windows.starts)) == (True, 2727, 68.0, 1)
+    assert (public.gps.vel_std_mps, public.gps.pos_std_m) == (0.03, (0.5, 0.5, 1.0))
+    assert public.imu.gyro_bias_deg_h == 0.05
 
 
 @pytest.mark.parametrize(

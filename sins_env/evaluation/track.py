@@ -1,0 +1,110 @@
+"""What a navigating ``replay`` has besides angles: velocity and position, against the reference and, apart from it, against
+the displacements that the phase of the carrier measured.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from sins_env import attitude, earth
+from sins_env.evaluation.outcome import titled
+from sins_env.recordings import Recording, seconds
+
+if TYPE_CHECKING:
+    from sins_env.evaluation.replaying import Replay
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Velocity and position in every window. Errors are NaN where the recording has no reference."""
+
+    recording: Recording
+    starts: Array  #: (W,) s on the recording's clock
+    t: Array  #: (K,) s in the window
+    fine: NDArray[np.bool_]  #: (K,) after the coarse phase: what is scored
+    q_nb: Array  #: (W, K, 4)
+    pos: Array  #: (W, K, 3) latitude rad, longitude rad, height m
+    fixes: Array  #: (W, K, 3) of the antenna; NaN where the solver got none
+    vel_error: Array  #: (W, K, 3) m/s E, N, U
+    pos_error: Array  #: (W, K, 3) m E, N, U
+
+    def displacement_errors(self, window: int) -> tuple[Array, Array]:
+        """Times (D,) s in the window and errors (D, 3) m E, N, U, estimated less measured, after the coarse phase."""
+        t, error = displacement_errors(
+            self.recording,
+            self.starts[window] + self.t[self.fine],
+            self.q_nb[window, self.fine],
+            self.pos[window, self.fine],
+        )
+        return t - self.starts[window], error
+
+    def scores(self, window: int) -> dict[str, tuple[float, float]]:
+        """RMS, horizontal and vertical, over the fine phase of velocity m/s, position m and displacement m; without those that
+        there is nothing to compare with."""
+        errors = {
+            "velocity, m/s": self.vel_error[window, self.fine],
+            "position, m": self.pos_error[window, self.fine],
+            "displacement, m": self.displacement_errors(window)[1],
+        }
+        means = {name: np.square(error).mean(axis=0) for name, error in errors.items() if np.isfinite(error).any()}
+        return {name: (math.sqrt(east + north), math.sqrt(up)) for name, (east, north, up) in means.items()}
+
+
+def displacement_errors(recording: Recording, times: Array, q_nb: Array, pos: Array) -> tuple[Array, Array]:
+    """What an estimate says of the antenna's displacements, less what the phase of the carrier says.
+
+    Args:
+        times: (K,) s on the recording's clock, of attitudes (K, 4) and positions of the IMU (K, 3) rad, rad, m.
+
+    Returns:
+        ends of the displacements that can be relied on (:attr:`~sins_env.recordings.Displacements.usable`) and lie, with both
+        ends, within half a sample of the times: (D,) s; errors (D, 3) m E, N, U.
+    """
+    moved = recording.displacements
+    if moved is None or not len(times):
+        return np.empty(0), np.empty((0, 3))
+    ends, half = np.stack([moved.t_s - moved.span_s, moved.t_s]), 0.5 / recording.rate_hz * (1 + 1e-6)
+    i = np.minimum(np.searchsorted(times, ends - half), len(times) - 1)
+    there = (np.abs(times[i] - ends) <= half).all(axis=0) & moved.usable
+    first, last = i[:, there]
+    step = earth.offset(earth.get(recording.site.earth), pos[first], pos[last])
+    if recording.lever_arm is not None:
+        arm = attitude.to_dcm(q_nb) @ recording.lever_arm
+        step = step + arm[last] - arm[first]
+    return moved.t_s[there], step - moved.enu[there]
+
+
+def table(one: Replay, most: int) -> Table:
+    """A row per window, ``most`` of them, of a replay that navigates."""
+    track = one.track
+    assert track is not None
+    out = titled(f"{one.solver} on {one.recording}, RMS after the coarse phase, horizontal and vertical")
+    out.add_column("window, s", no_wrap=True)
+    coarse = int((~track.fine).sum())
+    aligned = one.reference is not None and coarse > 0
+    if aligned:
+        out.add_column(f"heading error\nat {track.t[coarse - 1]:g} s, deg", justify="right")
+    scores = [track.scores(i) for i in range(min(len(one.starts), most))]
+    names = list(dict.fromkeys(name for each in scores for name in each))
+    for name in names:
+        out.add_column(name, justify="right")
+    for i, each in enumerate(scores):
+        cells = [f"{np.degrees(one.scatter[i, coarse - 1, 0]):+.3f}"] if aligned else []
+        cells += [f"{each[name][0]:.3f}  {each[name][1]:.3f}" if name in each else "-" for name in names]
+        out.add_row(f"{seconds(one.starts[i])} to {seconds(one.starts[i] + one.t[-1])}", *cells)
+    count = len(track.displacement_errors(0)[0])
+    if count:
+        span = track.recording.displacements.span_s  # type: ignore[union-attr]
+        out.caption = (
+            f"displacements: of the antenna in {span:g} s, less what the phase of the carrier says; {count} in a window"
+        )
+        out.caption_justify = "left"
+    return out

@@ -1,0 +1,168 @@
+"""``replay --mode navigate``: velocity and position against the reference, displacements against the phase of the carrier."""
+
+import dataclasses
+
+import numpy as np
+import pymap3d
+import pytest
+from numpy.testing import assert_allclose
+from oracles import made
+
+from sins_env import attitude, recordings
+from sins_env.evaluation.replaying import replay
+from sins_env.evaluation.track import displacement_errors
+from sins_env.evaluation.track_figure import track_figure
+from sins_env.recordings import Displacements, Gnss, Recording, Reference
+
+RATE, T0, LEVER = 100.0, 100.0, np.array([0.5, -1.0, 2.0])
+ENV = {"mode": "navigate", "coarse": 5.0}
+
+
+def motion(t):
+    """A bend at 3 m/s: attitude, and metres E, N, U of the IMU from the site."""
+    angle = 0.1 * (t - T0)
+    enu = 30.0 * np.stack([1 - np.cos(angle), np.sin(angle), 0.01 * angle], axis=-1)
+    return attitude.from_euler(angle, 0.1 * np.sin(t), 0 * t), enu
+
+
+def place(enu):
+    return np.stack([np.ravel(part) for part in pymap3d.enu2geodetic(*enu.T, *made.SITE.pos, deg=False)], axis=-1)
+
+
+def drive():
+    """40 s with a reference at 10 Hz, fixes and displacements each second, of which those at 107 and 111 s are bad."""
+    n = round(40 * RATE)
+    t, fixes = T0 + 0.1 * np.arange(1, 401), T0 + np.arange(1.0, 41.0)
+    q, enu = motion(t)
+    vel = 3.0 * np.stack([np.sin(0.1 * (t - T0)), np.cos(0.1 * (t - T0)), np.full(400, 0.01)], axis=-1)
+    antenna = antenna_at(fixes)
+    moved = antenna[1:] - antenna[:-1]
+    satellites, residual = np.full(39, 7.0), np.full(39, 0.01)
+    satellites[fixes[1:] == 107.0], residual[fixes[1:] == 111.0] = 5.0, 0.04
+    moved[satellites < 6] += 50.0
+    moved[residual > 0.03] += 50.0
+    force = np.tile([0.0, 0.0, 9.79 / RATE], (n, 1))
+    return Recording(
+        "drive",
+        RATE,
+        T0,
+        np.zeros((n, 3)),
+        force,
+        made.SITE,
+        Gnss(fixes, np.zeros((40, 3)), place(antenna)),
+        LEVER,
+        Reference(t, q, vel, place(enu)),
+        Displacements(fixes[1:], 1.0, moved, satellites, residual),
+    )
+
+
+def antenna_at(t):
+    q, enu = motion(t)
+    return enu + attitude.to_dcm(q) @ LEVER
+
+
+class Driven:
+    """The motion, but position drifts by 0.02, -0.01, 0.05 m/s, velocity is off by 0.3, 0.4, -0.1 m/s, heading by 1 deg."""
+
+    batched = True
+
+    def reset(self, task, rng, num_runs=1):
+        assert task.navigate
+        self.runs = num_runs
+
+    def step(self, obs):
+        t = T0 + 10.0 * np.arange(self.runs) + obs["t"][:, 0]
+        q, enu = motion(t)
+        q = attitude.multiply(attitude.from_euler(np.radians(1.0), 0.0, 0.0), q)
+        pos = place(enu + (t - T0)[:, None] * np.array([0.02, -0.01, 0.05]))
+        angle = 0.1 * (t - T0)
+        vel = 3.0 * np.stack([np.sin(angle), np.cos(angle), np.full_like(t, 0.01)], axis=-1)
+        return np.concatenate([q, vel + np.array([0.3, 0.4, -0.1]), pos], axis=-1)
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "140")
+    recordings.save(drive(), tmp_path / "drive.npz")
+    recordings.save(dataclasses.replace(drive(), reference=None), tmp_path / "bare.npz")
+
+
+def test_scores():
+    found = replay("drive.npz", Driven, env=ENV)
+    assert_allclose(np.degrees(found.scatter[0, :, 0]), 1.0, atol=1e-9)
+    scores = found.track.scores(0)
+    assert_allclose(scores["velocity, m/s"], [0.5, 0.1], rtol=1e-9)
+    late = np.arange(5.1, 40.05, 0.1)
+    assert_allclose(
+        scores["position, m"], np.sqrt(np.mean(late**2)) * np.array([np.hypot(0.02, 0.01), 0.05]), rtol=1e-4
+    )
+    t, error = found.track.displacement_errors(0)
+    assert_allclose(t, [*range(8, 11), *range(12, 41)])  # both ends after 5 s, and without the bad ones
+    # and the lever arm, turned by 1 deg, turns by 0.1 rad and less in a second
+    assert np.abs(error - [0.02, -0.01, 0.05]).max() < np.radians(1.0) * 0.11 * np.linalg.norm(LEVER) + 1e-4
+
+
+def test_displacements_are_those_of_the_antenna():
+    """The same estimate is exact with its lever arm, and wrong by its turn without."""
+    recording = drive()
+    times = recording.gnss.t_s
+    q, enu = motion(times)
+    _, error = displacement_errors(recording, times, q, place(enu))
+    assert len(error) == 37
+    assert np.abs(error).max() < 1e-4
+    _, error = displacement_errors(dataclasses.replace(recording, lever_arm=None), times, q, place(enu))
+    assert 0.05 < np.abs(error[:, :2]).max() < 0.3
+    off = np.concatenate([times[:10], times[10:] + 0.02])  # two samples late: not what was measured
+    assert len(displacement_errors(recording, off, q, place(enu))[0]) == 8
+    none = dataclasses.replace(recording, displacements=None)
+    assert displacement_errors(none, times, q, place(enu))[1].shape == (0, 3)
+
+
+def test_windows_have_their_own_displacements():
+    found = replay("drive.npz", Driven, [(100.0, 20.0)], 10.0, env=ENV)
+    assert_allclose(found.starts, [100, 110, 120])
+    for i in range(3):
+        t, error = found.track.displacement_errors(i)
+        assert t[0] == pytest.approx(7.0 if i else 8.0)
+        assert np.abs(error - [0.02, -0.01, 0.05]).max() < 0.01
+    assert np.isfinite(found.track.fixes[:, :, 0]).sum() == 60
+
+
+def test_without_a_reference_the_displacements_remain():
+    found = replay("bare.npz", Driven, env=ENV)
+    assert list(found.track.scores(0)) == ["displacement, m"]
+    assert found.reference is None
+
+
+@pytest.mark.parametrize("name", ["drive.npz", "bare.npz"])
+@pytest.mark.parametrize("stride", [None, 10.0])
+def test_figures(name, stride):
+    figure = track_figure(replay(name, Driven, [(100.0, 20.0)], stride, env=ENV))
+    figure.canvas.draw()
+    titles = " | ".join(axes.get_title(loc="left") for axes in figure.axes)
+    assert "the way after the coarse phase" in titles
+    assert ("at the end 1.000 deg" in titles) == (name == "drive.npz")
+    assert ("velocity error   RMS 0.500 m/s horizontal, 0.100 m/s up" in titles) == (name == "drive.npz")
+    assert "displacement error   RMS 0.02" in titles
+
+
+def test_cli(cli, tmp_path):
+    base = (f"{__name__}:Driven", "--mode", "navigate", "--coarse", 5)
+    code, out, err = cli("replay", "drive.npz", *base, "--plot", "way.png")
+    assert (code, err) == (0, ["figure: way.png"])
+    text = " ".join(out.split())
+    assert "0.500 0.100" in text
+    assert "+1.000" in text
+    assert "of the antenna in 1 s, less what the phase of the carrier says; 32 in a window" in text
+    assert (tmp_path / "way.png").stat().st_size > 30_000
+    code, out, err = cli("replay", "drive.npz", *base, "--mode", "navgate")
+    assert (code, out, "did you mean 'navigate'" in err[0]) == (2, "", True)
+    code, out, err = cli("replay", "drive.npz", *base, "--outage", 9, 8)
+    assert (code, out, "outages_s" in err[0]) == (2, "", True)
+
+
+def test_outages_are_withheld():
+    found = replay("drive.npz", Driven, env={**ENV, "gps": {"outages_s": [[10.0, 20.0]]}})
+    there = np.isfinite(found.track.fixes[0, :, 0])
+    assert_allclose(found.t[there], [*range(1, 11), *range(21, 41)])
