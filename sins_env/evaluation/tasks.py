@@ -193,8 +193,9 @@ def digest(task: EvaluationTask) -> str:
 
 
 def _digested(task: EvaluationTask) -> dict[str, list[NDArray[Any]]]:
-    env: Any = task.make(2)
-    obs, info = task.reset(env, (0, 1))
+    runs = (0, 1)[: task.max_runs]
+    env: Any = task.make(len(runs))
+    obs, info = task.reset(env, runs)
     fields = {name: [info["start"][name]] for name in ("q_nb", "vel", "pos")}
     action, errors = info["start"]["q_nb"], {"phi": "phi"}
     travels = env.unwrapped.task.navigate

@@ -21,7 +21,7 @@ DIGESTS = {
     "sway-heavytail-v0": "967585caaf2efde1",
     "sway-anyheading-v0": "e069acc635ced5fd",
     "rlg-car-v0": "2d69dc1955b9ca4f",
-    "navgrade-car-v0": "0",
+    "navgrade-car-v0": "44f9874b76948d0a",
     "flight-sun2012-v0": "524b1b52ba5d8cd6",
     "flight-sun2012-fixed-v0": "bf9a58fab9da0acf",
     "flight-sun2012-physical-v0": "e67812be9982a921",
