@@ -70,9 +70,7 @@ class Integration(ABC):
         self._coarse: coarse_methods.Coarse | None = None
         self._place: Array = np.full(3, np.nan)  # of the antenna, by the last fix of the coarse phase
         self._ins: StrapdownState | None = None
-        self._bias: tuple[Array, Array] | None = (
-            None  # of gyros and accelerometers per sample, taken from the increments
-        )
+        self._bias: tuple[Array, Array] | None = None  # of gyro and accelerometer increments, fed back so far
         self._belief: Any = None
         self._coordinates = (
             Invariant(self._earth, pos, position=self.navigates) if self.coordinates == "invariant" else Euler()

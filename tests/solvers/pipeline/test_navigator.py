@@ -131,6 +131,19 @@ def test_without_a_fix_it_predicts_and_says_so():
     assert nees(errors[-1], estimator.covariance()).mean() < stats.chi2.ppf(0.9995, 9 * 24) / 24
 
 
+@pytest.mark.parametrize("solver", ["ckf", "inekf"])
+def test_a_run_with_a_broken_sensor_fails_alone(solver):
+    def spoil(k, obs):
+        if k == 15:
+            obs["dvel"][2, 0] = np.nan
+
+    errors, estimator = fly(solver, 4, spoil=spoil, duration=3.0)
+    clean, _ = fly(solver, 4, duration=3.0)
+    np.testing.assert_array_equal(errors[:, [0, 1, 3]], clean[:, [0, 1, 3]])
+    assert estimator.health().failed_at.tolist() == [-1, -1, 15, -1]
+    assert np.isfinite(estimator.covariance()[[0, 1, 3]]).all()
+
+
 def test_a_lever_arm_is_taken_into_account():
     """Three metres of arm: told, the errors are what the covariance says; untold, the place is off by the arm."""
     arm = {"gps": {"lever_arm_m": [2.0, -1.0, 2.0], "vel_std_mps": 0.05, "pos_std_m": 0.5}, "duration": 20.0}
