@@ -41,6 +41,10 @@ _SUITE = (
 
 
 _VERIFY_CODES = "Exit code 1: a run differs, or none could be run again."
+_TABLES = (
+    "What is printed, ours with its 95 % interval, and a verdict. Runs are kept in DIR/results.sqlite and made once; an "
+    "interrupted command goes on where it was."
+)
 
 
 class _Wrong(Exception):
@@ -186,6 +190,13 @@ def parser() -> argparse.ArgumentParser:
         _several(each, "--task", help="these tasks only")
         _several(each, "--solver", help="these solvers only")
         each.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
+
+    sub = verb("reproduce", "reproduction.command:reproduce", "published tables as Monte Carlo runs", _TABLES)
+    sub.add_argument("table", nargs="*", metavar="TABLE", help="their numbers, such as 6.1 (default: all)")
+    sub.add_argument("--runs", type=_count, metavar="N", help="of every line (default: each table's own number)")
+    sub.add_argument("--quick", action="store_true", help="few runs, for a first look")
+    sub.add_argument("--out", default="reproduction", metavar="DIR", help="for REPRODUCTION.md and the runs")
+    sub.add_argument("--workers", type=_count, metavar="N", help="default: one per core")
 
     sub = verb("suite-hash", "stored:suite", "the hash of a secret suite seed, to be published first", _SUITE)
     sub.add_argument("--seed", type=_seed, default="-", metavar="N", help="default: - reads it from standard input")

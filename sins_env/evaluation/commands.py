@@ -19,14 +19,15 @@ from sins_env.evaluation import board as boards
 from sins_env.evaluation import monte_carlo, plots, registry, terminal
 from sins_env.evaluation.check import Check, check_estimator
 from sins_env.evaluation.episode import run_episode
-from sins_env.evaluation.executors import Processes, check_executor, runner
+from sins_env.evaluation.executors import Processes, check_executor
+from sins_env.evaluation.filling import Evaluation, fill
 from sins_env.evaluation.guard import EstimatorError
 from sins_env.evaluation.outcome import RunFailed, check_plot, remark, save_figure, titled
 from sins_env.evaluation.progress import Bar
 from sins_env.evaluation.quantities import QUANTITIES, run_errors
 from sins_env.evaluation.records import Records
-from sins_env.evaluation.store import Key, Store, canonical
-from sins_env.evaluation.tasks import EvaluationTask, get_task, suite_hash
+from sins_env.evaluation.store import Store, canonical
+from sins_env.evaluation.tasks import EvaluationTask, get_task
 from sins_env.specs import ARCSEC, DEG
 
 
@@ -121,25 +122,28 @@ def evaluate(given: Namespace, console: Console) -> int:
     canonical(settings)
     check_executor(given.executor)
     with Store(given.db) as store:
-        keys = [
-            Key.of(task.name, suite_hash(task, given.seed), solver, settings, registry.code_version(solver))
+        wanted = [
+            Evaluation.of(task, solver, settings, range(min(given.runs, task.max_runs or given.runs)), given.seed)
             for task, solver in pairs
         ]
         for task in {task.name: task for task, _ in pairs}.values():
             store.add_task(task)
-        present = [store.runs_of(key) for key in keys]
-        if any(present) and not given.resume:
-            i = next(i for i, runs in enumerate(present) if runs)
+        present = next((one for one in wanted if store.runs_of(one.key)), None)
+        if present and not given.resume:
             raise ValueError(
-                f"{given.db} holds {len(present[i])} runs of {keys[i].solver} on {keys[i].task} already; "
+                f"{given.db} holds {len(store.runs_of(present.key))} runs of {present.solver} on {present.task.name} already; "
                 "they are kept: --resume adds what is missing, --db FILE begins another file"
             )
-        todo = [
-            (task, solver, key, sorted(set(range(min(given.runs, task.max_runs or given.runs))) - there))
-            for (task, solver), key, there in zip(pairs, keys, present, strict=True)
-        ]
-        _evaluate_all(given, store, todo, settings)
-        results = [store.results(key, range(given.runs)) for key in keys]
+        fill(
+            store,
+            wanted,
+            given.seed,
+            executor=given.executor,
+            workers=given.workers,
+            chunk=given.chunk,
+            epoch_timeout_s=given.timeout,
+        )
+        results = [store.results(one.key, range(given.runs)) for one in wanted]
     terminal.print_tables(results, console)
     if given.plot:
         save_figure(plots.error_figure(results), given.plot)
@@ -150,39 +154,6 @@ def evaluate(given: Namespace, console: Console) -> int:
         unmeasured = "; its cost was not measured" if one.summary.counts["lost"] and not one.cost else ""
         remark(f"{one.label} on {one.task.name}, run {records.run[i]}: {records.reason[i]}{unmeasured}")
     return 1 if bad else 0
-
-
-def _evaluate_all(given: Namespace, store: Store, todo: list[Any], settings: dict[str, Any]) -> None:
-    """All pairs share the worker processes; after an interruption the chunks that have ended are stored."""
-    count = sum(len(runs) for *_, runs in todo)
-    if not count:
-        return
-    apart = not all(registry.is_own(solver) for _, solver, *_ in todo)
-    with runner(given.executor, given.workers, count, apart) as where:
-        for i, (task, solver, key, missing) in enumerate(todo, start=1):
-            if not missing:
-                continue
-            label = f"{solver} on {task.name} ({i}/{len(todo)})"
-            try:
-                with Bar(label) as bar:
-                    results = monte_carlo.evaluate(
-                        task,
-                        solver,
-                        missing,
-                        given.seed,
-                        settings=settings,
-                        executor=where,
-                        chunk=given.chunk,
-                        epoch_timeout_s=given.timeout,
-                        progress=bar.update,
-                        on_records=lambda records, key=key: store.add(key, records),  # type: ignore[misc]
-                    )
-            except KeyboardInterrupt as error:
-                kept = len(store.runs_of(key))
-                what = f"{kept} runs of {solver} on {task.name} are in {given.db}"
-                raise KeyboardInterrupt(f"interrupted: {what}; --resume continues") from error
-            if results.cost:
-                store.add_cost(key, results.cost)
 
 
 def check(given: Namespace, console: Console) -> int:

@@ -209,7 +209,8 @@ def code_version(solver: Solver) -> str:
     The packages of all installed solvers count for each of them: a plug-in may well be built on another's.
     """
     world = Path(sins_env.__file__).parent
-    files = [path for path in world.rglob("*.py") if path.parent.name != "evaluation" or path.name in _SCORING]
+    scoring = world / "evaluation"
+    files = [path for path in world.rglob("*.py") if scoring not in path.parents or path.name in _SCORING]
     find(solver)
     module = sys.modules.get(_module_name(solver))
     source = getattr(module, "__file__", None)

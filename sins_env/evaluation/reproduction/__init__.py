@@ -1,0 +1,29 @@
+"""The published tables again: each is run as a Monte Carlo and set beside what is printed. evaluation.md section 6.
+
+A table is data: a module of this package that makes :class:`~sins_env.evaluation.reproduction.tables.Table` objects, and
+a line below that lists them.
+"""
+
+from __future__ import annotations
+
+from sins_env.errors import unknown
+from sins_env.evaluation.reproduction import car_coarse
+from sins_env.evaluation.reproduction.tables import Table
+
+TABLES: dict[str, Table] = {table.number: table for table in (*car_coarse.TABLES,)}
+
+
+def names() -> list[str]:
+    """The numbers of all tables, in the order of the documents."""
+    return list(TABLES)
+
+
+def get_table(number: str) -> Table:
+    """A table by its number.
+
+    Raises:
+        ValueError: an unknown one; the nearest is offered.
+    """
+    if number not in TABLES:
+        raise unknown("table", number, TABLES)
+    return TABLES[number]

@@ -1,0 +1,214 @@
+"""Published tables beside ours: statistics, verdicts, and the command from the first run to the file."""
+
+import dataclasses
+import math
+import sqlite3
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sins_env.evaluation import reproduction
+from sins_env.evaluation.reproduction import car_coarse, get_table, names
+from sins_env.evaluation.reproduction.tables import Group, Line, Table
+from sins_env.evaluation.reproduction.verdicts import (
+    IN_ORDER,
+    NOT,
+    REPRODUCED,
+    Estimate,
+    Printed,
+    band,
+    root_mean_square,
+    verdicts,
+)
+
+PLUGIN = "plugins:"
+
+
+@pytest.mark.parametrize("about_mean", [False, True])
+def test_root_mean_square_and_its_interval(about_mean):
+    x = 3.0 + np.random.default_rng(0).standard_normal(60)
+
+    def statistic(x, axis=-1):
+        return x.std(axis=axis, ddof=1) if about_mean else np.sqrt(np.mean(x**2, axis=axis))
+
+    found = root_mean_square(np.append(x, np.nan), about_mean)
+    assert found.value == pytest.approx(statistic(x))
+    assert (found.runs, found.lost) == (60, 1)
+    expected = stats.bootstrap((x,), statistic, method="BCa", rng=np.random.default_rng(1)).confidence_interval
+    assert (found.low, found.high) == pytest.approx(tuple(expected), rel=0.02)
+
+
+def test_too_few_runs_have_no_interval_and_no_verdict():
+    one = root_mean_square(np.array([1.0, np.nan]))
+    assert math.isnan(one.value)
+    assert verdicts([Printed(1.0, 10)], [one]) == ["1 runs are too few"]
+
+
+@pytest.mark.parametrize(("records", "about_mean"), [(10, True), (1, False), (40, False)])
+def test_the_band_holds_so_many_prints_of_the_same_law(records, about_mean):
+    """95 % of prints; 2,000 draws of the binomial have a standard error of 0.5 %, and the band is of first order in ours."""
+    rng = np.random.default_rng(5)
+    inside = 0
+    for _ in range(2000):
+        ours = rng.standard_normal(50)
+        spread = 1.96 / math.sqrt(2 * 50)  # of ln of an RMS of normal errors
+        value = math.sqrt(np.mean(ours**2))
+        estimate = Estimate(value, value * math.exp(-spread), value * math.exp(spread), 50)
+        drawn = rng.standard_normal(records)
+        size = drawn.std(ddof=1) if about_mean else math.sqrt(np.mean(drawn**2))
+        low, high = band(Printed(size, records, about_mean), estimate)
+        inside += low <= size <= high
+    assert 0.93 < inside / 2000 < 0.97
+
+
+def test_verdicts():
+    """Ours 1 +- 10 % and 10 +- 10 %; ten records are within 0.54 and 1.46 of the truth."""
+    ours = [Estimate(1.0, 0.9, 1.1, 100), Estimate(10.0, 9.0, 11.0, 100)]
+
+    def verdict(*values):
+        return verdicts([None if v is None else Printed(v, 10) for v in values], ours)
+
+    assert verdict(0.8, 13.0) == [REPRODUCED, REPRODUCED]
+    assert verdict(-0.8, 30.0) == [REPRODUCED, IN_ORDER]  # of a signed error the size counts
+    assert verdict(0.3, 30.0) == [IN_ORDER, IN_ORDER]
+    assert verdict(20.0, 3.0) == [NOT, NOT]  # the other way round
+    assert verdict(3.0, 3.3) == [NOT, NOT]  # the print does not tell them apart
+    assert verdict(None, 30.0) == ["", NOT]  # nothing to compare the order with
+    assert verdict(1.0, None) == [REPRODUCED, ""]
+
+
+PRINTED_HEADINGS = {
+    "6.1": "149.331297 149.368763 149.524905 149.310612 149.352535 149.499154 149.524972 149.483077 149.526320 149.466523",
+    "6.2": "28.9356705 28.8113695 28.5946552 28.9697771 28.9584939 28.9490545 28.8616337 28.7983574 28.3434953 28.8553011",
+    "6.3": "26.3768094 26.5524438 26.3613203 26.1797361 26.3422044 26.4691438 26.1181718 26.3830417 26.3842662 26.2776165",
+}
+
+
+@pytest.mark.parametrize("number", PRINTED_HEADINGS)
+def test_printed_figures_are_those_of_the_printed_headings(number):
+    """000 tables 6.1 to 6.3, the first column: what it calls RMS is the deviation from the mean, with n - 1."""
+    headings = np.array(PRINTED_HEADINGS[number].split(), dtype=float)
+    printed = get_table(number).groups[0].lines[0].printed
+    assert printed.value == pytest.approx(headings.std(ddof=1), rel=1e-6)
+    assert (printed.records, printed.dof) == (10, 9)
+
+
+def test_every_table_is_whole():
+    for number in names():
+        table = get_table(number)
+        assert table.number == number
+        assert any(line.printed for group in table.groups for line in group.lines)
+        for group in table.groups:
+            assert 1 < group.quick <= group.runs
+            assert len({line.label for line in group.lines}) == len(group.lines)
+    with pytest.raises(ValueError, match=r"unknown table '6\.11'; did you mean '6\.1'\?"):
+        get_table("6.11")
+
+
+@pytest.fixture
+def small(short, monkeypatch):
+    """A table of two solvers on the short task, and a recording that is not there."""
+
+    def east(results):
+        return root_mean_square(np.degrees(results.records.final[:, 0]))
+
+    def azimuth(results):
+        return root_mean_square(np.degrees(results.records.final[:, 2]))
+
+    absent = dataclasses.replace(car_coarse.RECORDING, kwargs={**car_coarse.RECORDING.kwargs, "recording": "no.npz"})
+    reckoning, told = PLUGIN + "DeadReckoning", PLUGIN + "Told"
+    lines = (
+        Line("reckoning, azimuth", short, reckoning, azimuth, printed=Printed(15.0, 10)),
+        Line("reckoning, east", short, reckoning, east, printed=Printed(100.0, 10)),
+        Line("told [for ever], azimuth", short, told, azimuth),
+    )
+    table = Table(
+        "9.9",
+        "small",
+        "000",
+        "What it is.",
+        (
+            Group("short task", "deg", lines, runs=6, quick=3, why="Because."),
+            Group("recorded", "deg", (Line("x", absent, reckoning, azimuth, printed=Printed(1.0, 10)),)),
+        ),
+    )
+    monkeypatch.setattr(reproduction, "TABLES", {"9.9": table})
+    return table
+
+
+def stored_runs():
+    with sqlite3.connect("out/results.sqlite") as db:
+        return sorted(db.execute("SELECT solver, count(*), max(session) FROM runs GROUP BY solver"))
+
+
+def test_the_command(cli, small, tmp_path, monkeypatch):
+    """Runs are made once and shared between lines; what is there is kept; the file holds every table so far."""
+    monkeypatch.chdir(tmp_path)
+    given = ("reproduce", "--out", "out", "--workers", 1)
+    code, out, err = cli(*given, "--quick")
+    assert code == 0
+    assert err == ["tables: out/REPRODUCTION.md"]
+    assert "000, table 9.9  small" in out
+    assert "short task (deg; 3 runs)" in out
+    assert "Not run: " in out
+    assert "no.npz" in out
+    first = stored_runs()
+    assert [runs for _, runs, _ in first] == [3, 3]
+
+    assert cli(*given, "9.9", "--quick")[1] == out
+    assert stored_runs() == first
+    assert cli(*given, "9.9")[0] == 0
+    assert [runs for _, runs, _ in stored_runs()] == [6, 6]
+
+    (tmp_path / "out" / "table-9.8.md").write_text("not a table any more")
+    code, out, _ = cli(*given, "9.9", "--runs", 4)
+    assert "4 runs" in out
+    text = (tmp_path / "out" / "REPRODUCTION.md").read_text()
+    assert text.startswith("# Published results")
+    assert "not a table any more" not in text
+    row = next(line for line in text.splitlines() if line.startswith("| reckoning, azimuth"))
+    _, printed, ours, verdict = (cell.strip() for cell in row.strip("|").split("|"))
+    assert (printed, verdict) == ("15.0", REPRODUCED)
+    value, low, high = (float(part) for part in ours.replace("[", "").replace("]", "").replace(",", "").split())
+    assert low < value < high
+    assert "| reckoning, east | 100 | " in text
+    assert "Because." in text  # the east error of 1 deg is not 100 deg
+    assert "| told [for ever], azimuth | - | " in text
+
+
+def test_wrong_use_of_the_command(cli, small, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for given, text in (
+        (("9.8",), "unknown table '9.8'; did you mean '9.9'?"),
+        (("--out", "no/where"), "the directory above it does not exist"),
+        (("--runs", 0), "allowed: a whole number, at least 1"),
+    ):
+        code, _, err = cli("reproduce", *given)
+        assert code == 2
+        assert text in err[0]
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupted_command_goes_on(cli, small, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    given = ("reproduce", "--out", "out", "--workers", 1)
+    whole = cli("reproduce", "--out", "whole", "--workers", 1)[1]
+
+    from sins_env.evaluation import monte_carlo
+
+    evaluate = monte_carlo.evaluate
+
+    def interrupted(task, solver, *rest, **more):
+        if solver.endswith("Told"):
+            raise KeyboardInterrupt
+        return evaluate(task, solver, *rest, **more)
+
+    monkeypatch.setattr(monte_carlo, "evaluate", interrupted)
+    code, out, err = cli(*given)
+    assert (code, out) == (130, "")
+    assert err == [
+        "sins-env: interrupted: 0 runs of plugins:Told on short-v0 are in out/results.sqlite; the same command continues"
+    ]
+    monkeypatch.setattr(monte_carlo, "evaluate", evaluate)
+    assert cli(*given)[1] == whole
