@@ -23,14 +23,15 @@ def azimuth_spread(results: Results) -> Estimate:
     return root_mean_square(np.degrees(np.where(records.unfinished, np.nan, records.final[:, 2])), about_mean=True)
 
 
-def _task(name: str, what: str, env_id: str, kwargs: dict[str, Any], **more: int) -> EvaluationTask:
+def _task(name: str, what: str, env_id: str, kwargs: dict[str, Any], **more: Any) -> EvaluationTask:
     settings = {"coarse": COARSE_S - _LAST, **kwargs}
-    return EvaluationTask(name, what, "000 tables 6.1-6.3", env_id, 0.3, 90.0, settings, **more)  # type: ignore[arg-type]
+    return EvaluationTask(name, what, "000 tables 6.1-6.3", env_id, 0.3, 90.0, settings, **more)
 
 
 def _car(number: str, first: int) -> EvaluationTask:
     """The ten records of ``vehicle-v0`` from the first on."""
-    headings, scenes = (records[first : first + RECORDS] for records in (VEHICLE_HEADINGS_DEG, VEHICLE_SCENES))
+    ten = slice(first, first + RECORDS)
+    headings, scenes = VEHICLE_HEADINGS_DEG[ten], VEHICLE_SCENES[ten]
     what = f"simulated parked car, {_said(scenes)}, heading {headings[0]:g} deg, {COARSE_S:g} s"
     settings = {"heading_deg": headings, "events": scenes, "duration": COARSE_S}
     return _task(f"table-{number}-car-v0", what, "SINS/AlignVehicle-v0", settings, records=RECORDS)
