@@ -151,8 +151,18 @@ def cost_text(one: Results) -> str:
     return number(one.cost.ratio, 2) if one.cost and one.cost.ratio is not None else "-"
 
 
-def spread_text(s: Summary) -> tuple[str, str]:
-    """Spread of the heading in degrees, and of how many runs where some have none."""
+def has_spread(task: EvaluationTask) -> bool:
+    """Whether runs of the task have headings in common."""
+    return bool(task.windows or task.records)
+
+
+def spread_text(one: Results) -> tuple[str, str]:
+    """Spread of the heading in degrees, and of how many runs where some have none; of records its interval."""
+    s = one.summary
+    if one.task.records:
+        whole = one.repeatability[-1]
+        low, high = whole.interval
+        return number(whole.deg), "" if math.isnan(low) else f"{number(low)}–{number(high)}"
     return number(s.spread_deg), f"of {s.spread_runs}" if s.spread_runs < s.runs else ""
 
 
@@ -237,6 +247,8 @@ def _bands(results: Sequence[Results]) -> str:
 
 
 def _spread_note(results: Sequence[Results]) -> list[str]:
+    if results[0].task.records:
+        return ["Heading spread: standard deviation of the last heading's error at the same heading; 95 % intervals."]
     if not results[0].task.windows:
         return []
     less = any(one.summary.spread_runs < one.summary.runs for one in results)
@@ -350,7 +362,7 @@ def as_markdown(results: Iterable[Results]) -> str:
         bounded = any(one.bound for one in group)
         head += ([bound_heading(group[0])] if bounded else []) + [f"NEES / {nees_of(group[0].summary)[1]}"]
         head += ["failures", "cost / ckf"]
-        head += ["spread, deg"] if group[0].task.windows else []
+        head += ["spread, deg"] if has_spread(group[0].task) else []
         rows = [head, ["---:" if i != 1 else "---" for i in range(len(head))]]
         for rank, one in lines:
             s = one.summary
@@ -362,7 +374,7 @@ def as_markdown(results: Iterable[Results]) -> str:
             cells += [ratio + (" (below)" if below else "")] if bounded else []
             cells += [text + (" (outside)" if inside is False else ""), failure_text(s)]
             cells += [cost_text(one)]
-            rows.append(cells + ([" ".join(spread_text(s)).strip()] if group[0].task.windows else []))
+            rows.append(cells + ([" ".join(spread_text(one)).strip()] if has_spread(group[0].task) else []))
         body = "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)
         parts.append(f"### {name}\n\n{group[0].task.what}\n\n{body}\n\n{footer(group)}\n")
     return "\n".join(parts)

@@ -71,13 +71,20 @@ def known_headings(records: Records) -> Array:
     return records.heading[np.isfinite(records.heading) & ~records.unfinished]
 
 
-def heading_spread(known: Array) -> float:
-    """Repeatability: standard deviation over runs of the final heading, rad; NaN for fewer than two."""
+def heading_deviations(known: Array) -> Array:
+    """From the mean, rad, so enlarged that their mean square is the unbiased variance; none of fewer than two."""
     if len(known) < 2:
-        return math.nan
+        return np.empty(0)
     centre = np.angle(np.exp(1j * known).mean())
     away = np.angle(np.exp(1j * (known - centre)))
-    return float(away.std(ddof=1))
+    out: Array = (away - away.mean()) * math.sqrt(len(known) / (len(known) - 1))
+    return out
+
+
+def heading_spread(known: Array) -> float:
+    """Repeatability: standard deviation over runs of the final heading, rad; NaN for fewer than two."""
+    away = heading_deviations(known)
+    return math.sqrt(np.square(away).mean()) if len(away) else math.nan
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from sins_env.evaluation.isolation import check_timeout
 from sins_env.evaluation.metrics import Summary, below_bound, bound_ratio, summarise_all
 from sins_env.evaluation.navigation import bound_means
 from sins_env.evaluation.records import Records
+from sins_env.evaluation.repeatability import Repeatability, repeatability
 from sins_env.evaluation.tasks import EvaluationTask, get_task, run_numbers, suite_hash
 
 #: simulated seconds done, and in all, summed over runs
@@ -61,6 +62,11 @@ class Results:
     def bound_means(self) -> dict[str, float]:
         """The bound of each ARMSE of a navigation task, by name (quantities.py); empty without a bound."""
         return bound_means(self.records, self.bound) if self.bound and self.records.criteria.navigates else {}
+
+    @cached_property
+    def repeatability(self) -> list[Repeatability]:
+        """Standard deviation of the heading's error at each heading of the task, and last of all together."""
+        return repeatability(self.records, self.task)
 
     @cached_property
     def below_bound(self) -> bool | None:

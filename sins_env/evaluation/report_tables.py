@@ -69,7 +69,7 @@ def heads_of(group: Sequence[Results]) -> list[tuple[str, str]]:
     heads += [(board.bound_heading(group[0]), board.bound_of(group[0]))] if any(one.bound for one in group) else []
     heads += [(_nees_heading(group[0]), "")] if any(board.nees_of(one.summary)[0] for one in group) else []
     heads += [("failed", "runs"), ("cost / ckf", "")]
-    return heads + ([("heading spread", "°")] if group[0].task.windows else [])
+    return heads + ([("heading spread", "°")] if board.has_spread(group[0].task) else [])
 
 
 _UNITS = {'"': "arcsec"}
@@ -115,7 +115,7 @@ def _cells(one: Results) -> dict[str, Cell]:
         ),
         "failed": Cell(failed.replace(", ", "\n"), "", "bad" if s.failures else ""),
         "cost / ckf": Cell(board.cost_text(one)),
-        "heading spread": Cell(*board.spread_text(s)),
+        "heading spread": Cell(*board.spread_text(one)),
     }
 
 

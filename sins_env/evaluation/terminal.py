@@ -22,6 +22,7 @@ from sins_env.evaluation.board import (
     error_columns,
     failure_text,
     footer,
+    has_spread,
     nees_of,
     nees_text,
     ranked,
@@ -84,7 +85,7 @@ def _order(results: Sequence[Results]) -> tuple[str, ...]:
 def _absent(results: Sequence[Results]) -> set[str]:
     """Columns that no line of the table could fill."""
     there = {"NEES": any(nees_of(one.summary)[0] for one in results), "bound": any(one.bound for one in results)}
-    there["spread"] = bool(results[0].task.windows)
+    there["spread"] = has_spread(results[0].task)
     return {part for part, known in there.items() if not known}
 
 
@@ -120,7 +121,7 @@ def _columns(results: Sequence[Results], less: Sequence[str]) -> list[_Column]:
         _Column(f"NEES\n/ {nees_of(results[0].summary)[1]}", lambda _, one: _nees(one.summary), "NEES"),
         _Column("failed", lambda _, one: _failures(one.summary), "failures"),
         _Column("cost\n/ ckf", lambda _, one: Text(cost_text(one)), "cost"),
-        _Column("heading\nspread, °", lambda _, one: _stacked(*spread_text(one.summary)), "spread"),
+        _Column("heading\nspread, °", lambda _, one: _stacked(*spread_text(one)), "spread"),
     ]
     absent = set(less) | _absent(results)
     return [column for column in out if column.part not in absent]
