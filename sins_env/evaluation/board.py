@@ -156,14 +156,20 @@ def has_spread(task: EvaluationTask) -> bool:
     return bool(task.windows or task.records)
 
 
+def spread_of(one: Results) -> tuple[float, int]:
+    """Standard deviation of the heading, deg, at the same heading where there are records, and of how many runs."""
+    if one.task.records:
+        return one.repeatability[-1].deg, one.repeatability[-1].runs
+    return one.summary.spread_deg, one.summary.spread_runs
+
+
 def spread_text(one: Results) -> tuple[str, str]:
     """Spread of the heading in degrees, and of how many runs where some have none; of records its interval."""
-    s = one.summary
+    deg, runs = spread_of(one)
     if one.task.records:
-        whole = one.repeatability[-1]
-        low, high = whole.interval
-        return number(whole.deg), "" if math.isnan(low) else f"{number(low)}–{number(high)}"
-    return number(s.spread_deg), f"of {s.spread_runs}" if s.spread_runs < s.runs else ""
+        low, high = one.repeatability[-1].interval
+        return number(deg), "" if math.isnan(low) else f"{number(low)}–{number(high)}"
+    return number(deg), f"of {runs}" if runs < one.summary.runs else ""
 
 
 def success_text(s: Summary) -> str:
@@ -342,7 +348,7 @@ def as_csv(results: Iterable[Results]) -> str:
                 s.runs,
                 s.success,
             )
-            told = (*nees, s.spread_deg, s.spread_runs, *counts, s.fallbacks)
+            told = (*nees, *spread_of(one), *counts, s.fallbacks)
             ratios = (*one.bound_ratio.values(), bool(one.bound.holds) if one.bound else None, one.below_bound)
             times = (s.t_conv_median_s, *s.t_conv_ci_s, s.t_conv_restricted_mean_s)
             row = (*head, *times, *rms, *ratios, *told, *(one.cost or (None,) * 3))

@@ -8,16 +8,15 @@ heading itself where errors are not scored. The runs of a simulation draw the bi
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env.evaluation.metrics import NO_INTERVAL, Interval, heading_deviations, rms_intervals
+from sins_env.evaluation.metrics import NO_INTERVAL, heading_deviations
+from sins_env.evaluation.records import Records
+from sins_env.evaluation.resampling import Interval, rms_interval
 from sins_env.evaluation.tasks import EvaluationTask
-
-if TYPE_CHECKING:
-    from sins_env.evaluation import Records
 
 Array = NDArray[np.float64]
 
@@ -57,5 +56,5 @@ def _groups(task: EvaluationTask, run: NDArray[np.int64]) -> tuple[list[str], ND
 def _spread(group: str, deviations: Array) -> Repeatability:
     if not len(deviations):
         return Repeatability(group, 0, math.nan, NO_INTERVAL)
-    ((value, interval),) = rms_intervals(np.degrees(deviations)[:, None])
+    value, interval = rms_interval(np.degrees(deviations))
     return Repeatability(group, len(deviations), value, interval)
