@@ -46,13 +46,11 @@ def test_shell_line_runs(line, tmp_path):
     elif words[1] in ("board", "compare", "report", "export", "verify"):
         prepare = ["eval", "--task", "sway-white-v0", "--solver", "ekf", "ckf", "--runs", "2"]
         subprocess.run([command(), *prepare], cwd=tmp_path, check=True, capture_output=True, timeout=300)
-    if (
-        any(".npz" in word for word in words)
-        and not (Path(os.environ["SINS_ENV_DATA"]) / "rlg_parked_car.npz").exists()
-    ):
-        pytest.skip("the recording rlg_parked_car.npz is not in $SINS_ENV_DATA (the project's ../shared/data)")
-    if "rlg-car-v0" in words and not (Path(os.environ["SINS_ENV_DATA"]) / "rlg_parked_car.npz").exists():
-        pytest.skip("the recording rlg_parked_car.npz is not in $SINS_ENV_DATA (the project's ../shared/data)")
+    folder, needed = Path(os.environ["SINS_ENV_DATA"]), [word for word in words if word.endswith(".npz")]
+    needed += ["rlg_parked_car.npz"] * ("rlg-car-v0" in words)
+    for name in needed:
+        if not (folder / name).exists():
+            pytest.skip(f"the recording {name} is not in $SINS_ENV_DATA (the project's ../shared/data)")
     done = subprocess.run([command(), *words[1:]], cwd=tmp_path, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
 

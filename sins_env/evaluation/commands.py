@@ -16,9 +16,9 @@ from rich.text import Text
 
 from sins_env.evaluation import bench as speed
 from sins_env.evaluation import board as boards
-from sins_env.evaluation import monte_carlo, plots, registry, terminal
+from sins_env.evaluation import monte_carlo, plots, registry, terminal, track
 from sins_env.evaluation.check import Check, check_estimator
-from sins_env.evaluation.episode import run_episode
+from sins_env.evaluation.episode import Course, run_episode
 from sins_env.evaluation.executors import Processes, check_executor
 from sins_env.evaluation.filling import Evaluation, fill
 from sins_env.evaluation.guard import EstimatorError
@@ -55,13 +55,14 @@ def run(given: Namespace, console: Console) -> int:
     if given.plot:
         save_figure(plots.run_figure(task, given.solver, course), given.plot)
     if not records.unfinished[0]:
-        console.print(_run_table(given, task, records))
+        console.print(_run_table(given, task, course))
     if records.broken[0] or records.status[0] == "frozen":
         raise RunFailed(f"{given.solver} on {task.name}, run {given.run}: {records.reason[0]}")
     return 0
 
 
-def _run_table(given: Namespace, task: EvaluationTask, records: Records) -> Table:
+def _run_table(given: Namespace, task: EvaluationTask, course: Course) -> Table:
+    records = course.records
     title = f"{given.solver} on {task.name}, run {given.run}"
     table = titled(title)
     table.add_column("error")
@@ -84,6 +85,8 @@ def _run_table(given: Namespace, task: EvaluationTask, records: Records) -> Tabl
         )
     if records.criteria.navigates:
         _add_navigation(table, records)
+        if scored:
+            track.add_rows(table, track.of_run(task, given.run, course))
     coarse = f" after {records.criteria.coarse_s:g} s of coarse alignment" if records.criteria.coarse_s else ""
     verdict = records.reason[0] or str(records.status[0])
     times = f"times from the start of the fine phase{coarse}"

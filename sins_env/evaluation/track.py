@@ -14,10 +14,12 @@ from rich.table import Table
 
 from sins_env import attitude, earth
 from sins_env.evaluation.outcome import titled
-from sins_env.recordings import Recording, seconds
+from sins_env.recordings import Recording, reference_at, seconds
 
 if TYPE_CHECKING:
+    from sins_env.evaluation.episode import Course
     from sins_env.evaluation.replaying import Replay
+    from sins_env.evaluation.tasks import EvaluationTask
 
 Array = NDArray[np.float64]
 
@@ -80,6 +82,32 @@ def displacement_errors(recording: Recording, times: Array, q_nb: Array, pos: Ar
         arm = attitude.to_dcm(q_nb) @ recording.lever_arm
         step = step + arm[last] - arm[first]
     return moved.t_s[there], step - moved.enu[there]
+
+
+def of_run(task: EvaluationTask, run: int, course: Course) -> Array:
+    """Errors (D, 3) m E, N, U of the displacements after the coarse phase in a run that was scored against a reference; none
+    where the task has no recording, or the recording none."""
+    if not task.windows:
+        return np.empty((0, 3))
+    env = task.make(1)
+    world = env.unwrapped.episode.world  # type: ignore[attr-defined]
+    env.close()
+    recording, fine = world.recording, course.t > course.records.criteria.coarse_s + 1e-9
+    times, errors = world.windows.starts[run] + course.t[fine], course.errors[fine]
+    truth = reference_at(recording, times, world.windows.half_sample)
+    q_nb = attitude.multiply(attitude.misalignment_quaternion(errors[:, :3]), truth.q_nb)
+    pos = earth.displace(earth.get(recording.site.earth), truth.pos, errors[:, 6:])
+    return displacement_errors(recording, times, q_nb, pos)[1]
+
+
+def add_rows(table: Table, errors: Array) -> None:
+    """Of a run's table: what the phase of the carrier says of the antenna's way, a witness besides the reference."""
+    for name, part in (("hor.", errors[:, :2]), ("vert.", errors[:, 2:])):
+        if len(part):
+            squares = np.square(part).sum(axis=1)
+            table.add_row(
+                f"displacement, {name}", f"{math.sqrt(squares[-1]):.3f} m", f"{math.sqrt(squares.mean()):.3f} m"
+            )
 
 
 def table(one: Replay, most: int) -> Table:

@@ -9,8 +9,10 @@ from numpy.testing import assert_allclose
 from oracles import made
 
 from sins_env import attitude, recordings
+from sins_env.evaluation import get_task
+from sins_env.evaluation.episode import run_episode
 from sins_env.evaluation.replaying import replay
-from sins_env.evaluation.track import displacement_errors
+from sins_env.evaluation.track import displacement_errors, of_run
 from sins_env.evaluation.track_figure import track_figure
 from sins_env.recordings import Displacements, Gnss, Recording, Reference
 
@@ -166,3 +168,42 @@ def test_outages_are_withheld():
     found = replay("drive.npz", Driven, env={**ENV, "gps": {"outages_s": [[10.0, 20.0]]}})
     there = np.isfinite(found.track.fixes[0, :, 0])
     assert_allclose(found.t[there], [*range(1, 11), *range(21, 41)])
+
+
+@pytest.mark.parametrize("recorded", ["navgrade_car_gps.npz"], indirect=True)
+def test_the_driven_car(recorded, cli):
+    """Issue 6: heading within 0.2 deg after 68 s, displacements in the drive within 10 cm of the phase of the carrier."""
+    task = get_task("navgrade-car-v0")
+    found = replay(recorded, "ckf", env={name: value for name, value in task.kwargs.items() if name != "recording"})
+    heading = np.degrees(found.scatter[0, :, 0])
+    assert abs(heading[found.t <= 68.0 + 1e-9][-1]) < 0.2
+    assert abs(heading[-1]) < 0.5
+    scores = found.track.scores(0)
+    assert scores["displacement, m"][0] < 0.10
+    assert scores["displacement, m"][1] < 0.15
+    assert scores["position, m"][0] < 0.3
+    assert scores["velocity, m/s"][0] < 0.05
+    assert len(found.track.displacement_errors(0)[0]) == 57
+    course = run_episode(task, "ckf")
+    assert course.records.status[0] == "ok"
+    assert_allclose(of_run(task, 0, course), found.track.displacement_errors(0)[1], atol=1e-6)
+    assert of_run(get_task("flight-sun2012-v0"), 0, course).shape == (0, 3)
+    code, out, err = cli("run", "navgrade-car-v0", "ckf")
+    assert (code, err) == (0, [])
+    assert f"{scores['displacement, m'][0]:.3f} m" in out
+    assert "displacement, vert." in out
+
+
+@pytest.mark.parametrize("recorded", ["navgrade_car_gps.npz"], indirect=True)
+def test_the_reference_of_the_driven_car(recorded):
+    """../shared/data/README.md: against the phase of the carrier 2.1/3.5/11 cm RMS; a lever arm of the wrong sign shows."""
+    recording = recordings.load(recorded)
+    ref = recording.reference
+    drive = ref.t_s > 67.9
+    given = (ref.t_s[drive], ref.q_nb[drive], ref.pos[drive])
+
+    def rms(one):
+        return np.sqrt(np.square(displacement_errors(one, *given)[1]).mean(axis=0))
+
+    assert_allclose(rms(recording), [0.021, 0.035, 0.108], atol=1e-3)
+    assert rms(dataclasses.replace(recording, lever_arm=-recording.lever_arm))[0] > 0.03
