@@ -9,9 +9,9 @@ from scipy import linalg
 
 from sins_env import attitude, earth
 from sins_env.evaluation import bounds, error_model, get_task, tasks
+from sins_env.evaluation.criteria import Criteria
 from sins_env.evaluation.error_model import PHI, POS, VEL, ErrorModel, true_motion
 from sins_env.evaluation.fisher import fisher_factor
-from sins_env.evaluation.scoring import Criteria
 from sins_env.specs import ARCSEC, DEG, DEG_PER_H, UG, GpsSpec
 from sins_env.types import NavState
 from solvers.pipeline.strapdown import Strapdown
