@@ -69,6 +69,13 @@ def position(state):
     return d[..., [1, 0, 2]]
 
 
+def test_a_person_moves_the_imu_sideways_and_lengthways():
+    """By hand, mm: right 0.9 m x 2.5 mrad of roll, less 0.7 m x 0.4 of it about the upper axis, and heading at the arm."""
+    vehicle, start = parked([Event(1.0, "in")], heading=0.0)
+    moved = position(vehicle.chunk(2999, 1).state)[0, 0] - position(start)[0]
+    assert_allclose(1e3 * moved[:2], [0.9 * 2.5 - 0.7 * 0.4 - 0.2 * 0.25, 0.9 * 1.5 + 0.9 - 0.2 * 0.25], atol=0.04)
+
+
 def test_increments_are_integrals_of_the_differentiated_attitude_and_position():
     """The simulator's own rates and accelerations are not used: attitude and IMU position, differentiated."""
     vehicle, _ = parked(BUSY, runs=2, heading=2.0, seed=4)
