@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sins_env.evaluation import reproduction
+from sins_env.evaluation import monte_carlo, reproduction
 from sins_env.evaluation.reproduction import car_coarse, get_table, names
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
 from sins_env.evaluation.reproduction.verdicts import (
@@ -76,6 +76,12 @@ def test_verdicts():
     assert verdict(3.0, 3.3) == [NOT, NOT]  # the print does not tell them apart
     assert verdict(None, 30.0) == ["", NOT]  # nothing to compare the order with
     assert verdict(1.0, None) == [REPRODUCED, ""]
+    ours.append(Estimate(100.0, 90.0, 110.0, 100))
+    assert verdict(1.0, 300.0, 100.0) == [
+        REPRODUCED,
+        NOT,
+        REPRODUCED,
+    ]  # above the first as ours, but above the last, too
 
 
 PRINTED_HEADINGS = {
@@ -130,6 +136,7 @@ def small(short, monkeypatch):
         "What it is.",
         (
             Group("short task", "deg", lines, runs=6, quick=3, why="Because."),
+            Group("fewer of them", "deg", lines[:1], runs=4, quick=2),
             Group("recorded", "deg", (Line("x", absent, reckoning, azimuth, printed=Printed(1.0, 10)),)),
         ),
     )
@@ -151,12 +158,15 @@ def test_the_command(cli, small, tmp_path, monkeypatch):
     assert err == ["tables: out/REPRODUCTION.md"]
     assert "000, table 9.9  small" in out
     assert "short task (deg; 3 runs)" in out
+    assert "fewer of them (deg; 2 runs)" in out
     assert "Not run: " in out
     assert "no.npz" in out
     first = stored_runs()
     assert [runs for _, runs, _ in first] == [3, 3]
 
-    assert cli(*given, "9.9", "--quick")[1] == out
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(monte_carlo, "evaluate", None)  # nothing is evaluated again
+        assert cli(*given, "9.9", "--quick")[1] == out
     assert stored_runs() == first
     assert cli(*given, "9.9")[0] == 0
     assert [runs for _, runs, _ in stored_runs()] == [6, 6]
@@ -194,8 +204,6 @@ def test_an_interrupted_command_goes_on(cli, small, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     given = ("reproduce", "--out", "out", "--workers", 1)
     whole = cli("reproduce", "--out", "whole", "--workers", 1)[1]
-
-    from sins_env.evaluation import monte_carlo
 
     evaluate = monte_carlo.evaluate
 
