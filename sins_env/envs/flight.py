@@ -21,16 +21,14 @@ class FlightWorld(SimulatedWorld):
     def __init__(self, settings: FlightSettings) -> None:
         self.settings, self.task = settings, settings.task()
         task = self.task
-        self._earth = earth.get(task.site.earth)
         self.trajectory = Flight(settings.base.plan, task.epoch_s, task.n_sub)
         self.imu = Imu(settings.imu_true, task.epoch_s / task.n_sub, settings.script)
-        self.gps = Gps(settings.gps_true, task.epoch_s, task.duration_s, self._earth)
+        self.gps = Gps(settings.gps_true, task.epoch_s, task.duration_s, earth.get(task.site.earth))
 
     def _told(self, truth: NavState, draws: Array) -> NavState | None:
         if self.settings.start == "unknown":
             return None
-        pos = earth.displace(self._earth, truth.pos, self.task.prior.position_std_m * draws[:, 6:])
-        return told_start(self.task, self.settings.misalignment, truth, draws[:, :6], pos)
+        return told_start(self.task, self.settings.misalignment, truth, draws)
 
 
 def _flight(**settings: Any) -> World:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env import earth, recordings
+from sins_env import recordings
 from sins_env.envs.base import EpisodeEnv, EpisodeVectorEnv
 from sins_env.envs.replay_settings import ReplaySettings
 from sins_env.envs.windows import Windows
@@ -85,11 +85,8 @@ class ReplayWorld(ChunkedWorld):
         if self.settings.start == "unknown":
             return truth, None
         draws = standard_normal([s[1] for s in streams], (9,))
-        pos = truth.pos
-        if self.task.navigate:
-            model = earth.get(self.task.site.earth)
-            pos = earth.displace(model, pos, self.task.prior.position_std_m * draws[:, 6:])
-        return truth, told_start(self.task, self.settings.misalignment_deg, truth, draws[:, :6], pos)
+        pos = None if self.task.navigate else truth.pos
+        return truth, told_start(self.task, self.settings.misalignment_deg, truth, draws, pos)
 
     def _times(self, first: int, count: int) -> Array:
         """Ends of epochs first ... first + count - 1 on the clock of the recording, (runs, count)."""

@@ -75,16 +75,26 @@ class ChunkedWorld(ABC):
 
 
 def told_start(
-    task: Task, misalignment_deg: Any, truth: NavState, draws: Array, pos: Array, any_heading: bool = False
+    task: Task,
+    misalignment_deg: Any,
+    truth: NavState,
+    draws: Array,
+    pos: Array | None = None,
+    any_heading: bool = False,
 ) -> NavState:
-    """The start that a task tells: C(phi) C_true, phi fixed or drawn; ``draws`` (runs, 6) are normals."""
+    """The start that a task tells: C(phi) C_true, phi fixed or drawn; ``draws`` (runs, 9) are normals.
+
+    ``pos``: the place that is told, where it is known; None draws its error, too.
+    """
     spread = np.asarray(task.prior.attitude_std_deg)
     fixed = misalignment_deg is not None
     phi = DEG * (np.broadcast_to(misalignment_deg, (len(draws), 3)) if fixed else spread * draws[:, :3])
     if any_heading:
         phi[:, 2] = np.pi * (2.0 * ndtr(draws[:, 2]) - 1.0)
     computed = attitude.multiply(attitude.misalignment_quaternion(phi), truth.q_nb)
-    vel = truth.vel + task.prior.velocity_std_mps * draws[:, 3:]
+    vel = truth.vel + task.prior.velocity_std_mps * draws[:, 3:6]
+    if pos is None:
+        pos = earth.displace(earth.get(task.site.earth), truth.pos, task.prior.position_std_m * draws[:, 6:])
     return NavState(computed, vel, np.broadcast_to(pos, vel.shape).copy())
 
 
@@ -177,7 +187,7 @@ class BaseWorld(SimulatedWorld):
         if settings.start == "unknown":
             return None
         misalignment, pos = settings.misalignment_deg, self.task.site.pos
-        return told_start(self.task, misalignment, truth, draws[:, :6], pos, settings.any_heading)
+        return told_start(self.task, misalignment, truth, draws, pos, settings.any_heading)
 
 
 class SwayWorld(BaseWorld):

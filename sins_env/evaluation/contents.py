@@ -38,9 +38,8 @@ def describe_recording(name: str, console: Console) -> bool:
         "site": f"{np.degrees(site.latitude):.6f}, {np.degrees(site.longitude):.6f} deg, {site.height:g} m",
         "GNSS": "none; a zero-velocity update stands in" if gnss is None else _fixes(gnss, found),
         "lever arm": "unknown; zero" if lever is None else f"{', '.join(f'{x:g}' for x in lever)} m right, forward, up",
-        "reference": "none"
-        if reference is None
-        else f"{len(reference.t_s)} attitudes at {found.reference_rate_hz or 0:.4g} Hz",
+        "reference": "none" if reference is None else _reference(reference, found),
+        "displacements": _displacements(recording.displacements),
         "|f|": f"{_three(found.force, 1.0, '.4f')} m/s² (median and range of means over 1 s); gravity {gravity:.4f}",
         "|w|": f"{_three(found.rate, DEG_PER_H, '.4g')} deg/h",
         "at rest": _spans(found.rest),
@@ -48,6 +47,8 @@ def describe_recording(name: str, console: Console) -> bool:
     }
     if gnss is None:
         del rows["lever arm"]
+    if recording.displacements is None:
+        del rows["displacements"]
     for key, text in rows.items():
         table.add_row(key, text)
     console.print(table)
@@ -72,6 +73,20 @@ def _fixes(gnss: recordings.Gnss, found: recordings.Summary) -> str:
     kind = "" if gnss.vel is not None else ", positions only"
     rate = f" at {found.fix_rate_hz:.4g} Hz" if found.fix_rate_hz else ""
     return f"{len(gnss.t_s)} fixes{rate}{kind}; missing: {_gaps(found.fix_gaps, 'fix', 'fixes')}"
+
+
+def _reference(reference: recordings.Reference, found: recordings.Summary) -> str:
+    more = [name for name, part in (("velocities", reference.vel), ("positions", reference.pos)) if part is not None]
+    rest = f" with {' and '.join(more)}" if more else ""
+    return f"{len(reference.t_s)} attitudes at {found.reference_rate_hz or 0:.4g} Hz{rest}"
+
+
+def _displacements(moved: recordings.Displacements | None) -> str:
+    if moved is None:
+        return ""
+    return (
+        f"{len(moved.t_s)} of the antenna in {moved.span_s:g} s by carrier phase, {moved.usable.sum()} to be relied on"
+    )
 
 
 def _spans(spans: list[tuple[float, float]], most: int = 8) -> str:

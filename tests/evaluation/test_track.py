@@ -158,6 +158,9 @@ def test_cli(cli, tmp_path):
     assert "+1.000" in text
     assert "of the antenna in 1 s, less what the phase of the carrier says; 32 in a window" in text
     assert (tmp_path / "way.png").stat().st_size > 30_000
+    text = " ".join(cli("describe", "drive.npz")[1].split())
+    assert "400 attitudes at 10 Hz with velocities and positions" in text
+    assert "39 of the antenna in 1 s by carrier phase, 37 to be relied on" in text
     code, out, err = cli("replay", "drive.npz", *base, "--mode", "navgate")
     assert (code, out, "did you mean 'navigate'" in err[0]) == (2, "", True)
     code, out, err = cli("replay", "drive.npz", *base, "--outage", 9, 8)
