@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
+from typing import NamedTuple
 
 from sins_env.evaluation import registry
 from sins_env.evaluation.filling import Evaluation, fill
@@ -24,25 +26,29 @@ def run_tables(
         ValueError: a task of an earlier version in the file, settings that do not fit.
         KeyboardInterrupt: chunks that had ended are stored.
     """
-    groups = [group for table in tables for group in table.groups]
-    missing = {id(group): _missing(group) for group in groups}
+    plans = [
+        [_plan(group, runs or (group.quick if quick else group.runs)) for group in table.groups] for table in tables
+    ]
     wanted: dict[Key, Evaluation] = {}
-    for group in groups:
-        count = runs or (group.quick if quick else group.runs)
-        for line in group.lines if not missing[id(group)] else ():
-            one = _evaluation(line, count)
-            most = max(one, wanted.get(one.key, one), key=lambda each: len(each.runs))
-            wanted[one.key] = most
+    for one in (one for plan in chain(*plans) for one in plan.evaluations):
+        wanted[one.key] = max(one, wanted.get(one.key, one), key=lambda each: len(each.runs))
     for task in {one.task.name: one.task for one in wanted.values()}.values():
         store.add_task(task)
     fill(store, list(wanted.values()), workers=workers, cost=False, resume="the same command continues")
-    return [
-        [
-            _outcome(group, store, runs or (group.quick if quick else group.runs), missing[id(group)])
-            for group in table.groups
-        ]
-        for table in tables
-    ]
+    return [[_outcome(plan, store) for plan in table] for table in plans]
+
+
+class _Plan(NamedTuple):
+    group: Group
+    evaluations: tuple[Evaluation, ...]  #: of its lines; none if it cannot be run
+    missing: str = ""  #: why it cannot
+
+
+def _plan(group: Group, runs: int) -> _Plan:
+    missing = _missing(group)
+    if missing:
+        return _Plan(group, (), missing)
+    return _Plan(group, tuple(_evaluation(line, runs) for line in group.lines))
 
 
 def _missing(group: Group) -> str:
@@ -60,11 +66,9 @@ def _evaluation(line: Line, runs: int) -> Evaluation:
     return Evaluation.of(line.task, line.solver, line.settings, range(min(runs, line.task.max_runs or runs)), None)
 
 
-def _outcome(group: Group, store: Store, runs: int, missing: str) -> Outcome:
-    if missing:
-        return Outcome(group, (), (), missing)
-    ours = []
-    for line in group.lines:
-        one = _evaluation(line, runs)
-        ours.append(line.read(store.results(one.key, one.runs)))
-    return Outcome(group, tuple(ours), tuple(verdicts([line.printed for line in group.lines], ours)))
+def _outcome(plan: _Plan, store: Store) -> Outcome:
+    if plan.missing:
+        return Outcome(plan.group, (), (), plan.missing)
+    lines = plan.group.lines
+    ours = tuple(line.read(store.results(one.key, one.runs)) for line, one in zip(lines, plan.evaluations, strict=True))
+    return Outcome(plan.group, ours, tuple(verdicts([line.printed for line in lines], ours)))
