@@ -15,8 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sins_env.evaluation import bench as speed
-from sins_env.evaluation import board as boards
-from sins_env.evaluation import monte_carlo, plots, registry, terminal, track
+from sins_env.evaluation import monte_carlo, plots, registry, terminal, track, words
 from sins_env.evaluation.check import Check, check_estimator
 from sins_env.evaluation.episode import Course, run_episode
 from sins_env.evaluation.executors import Processes, check_executor
@@ -79,7 +78,7 @@ def _run_table(given: Namespace, task: EvaluationTask, course: Course) -> Table:
         table.add_row(
             name,
             f"{records.final[0, j] / unit:+.4g}{sign}" if scored else "-",
-            f"{boards.number(records.steady_rms[0, j] / unit)}{sign}" if scored else "-",
+            f"{words.number(records.steady_rms[0, j] / unit)}{sign}" if scored else "-",
             f"{records.criteria.delta[j] / unit:g}{sign}",
             "-" if not scored else f"{time:.1f} s" if np.isfinite(time) else Text("not aligned", style="red"),
         )
@@ -100,7 +99,7 @@ def _add_navigation(table: Table, records: Records) -> None:
     """Lengths of the errors of position and velocity; over time from where they count."""
     for name in ("position_h", "position_v", "velocity_h", "velocity_v"):
         quantity = QUANTITIES[name]
-        over_time, final = (boards.number(float(found[0]) / quantity.unit) for found in run_errors(records, name))
+        over_time, final = (words.number(float(found[0]) / quantity.unit) for found in run_errors(records, name))
         cells = (f"{value} {quantity.unit_name}" if records.criteria.scored else "-" for value in (final, over_time))
         table.add_row(quantity.name, *cells, "", "")
 

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env.evaluation.board import by_task, ranked
+from sins_env.evaluation.board import by_task
 from sins_env.evaluation.bounds import Bound
 from sins_env.evaluation.episode import Course
 from sins_env.evaluation.metrics import rms_band, success_profile
 from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.ranking import ranked
 from sins_env.evaluation.tasks import EvaluationTask
 from sins_env.specs import ARCSEC, DEG
 

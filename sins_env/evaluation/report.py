@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sins_env.evaluation import board
+from sins_env.evaluation import ranking, words
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.report_figures import DASHES, Drawing, Look, Task, drawings
 from sins_env.evaluation.report_tables import Cell, Failure, Row, failures_of, heads_of, rows_of, with_unit
@@ -123,7 +123,7 @@ def _section(
     made: tuple[str | None, list[tuple[str, Session]]],
     looks: dict[str, Look],
 ) -> Section:
-    lines = board.ranked(results)
+    lines = ranking.ranked(results)
     group = [one for _, one in lines]
     named = [one.label for one in group[:MOST_NAMED]]
     for label in named:
@@ -132,7 +132,7 @@ def _section(
     failures = failures_of(group)
     runs = [len(one.records) for one in group]
     first = group[0].summary
-    main = next(column for column in board.error_columns(group[0]) if column.main)
+    main = next(column for column in words.error_columns(group[0]) if column.main)
     value, interval = main.cell(group[0])
     digest, sessions = made
     return Section(
@@ -142,7 +142,7 @@ def _section(
         scored=first.scored,
         heads=heads_of(group),
         rows=rows_of(lines, task),
-        notes=board.footer(group).split("\n"),
+        notes=words.footer(group).split("\n"),
         legend=[(label, task.looks[label]) for label in named],
         others=len(group) - len(named),
         has_bound=task.bound is not None,

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env.evaluation.board import about, angle, number, success_text
 from sins_env.evaluation.bounds import Bound
 from sins_env.evaluation.metrics import success_profile
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.plots import STYLES, error_curve, few_labels
 from sins_env.evaluation.quantities import QUANTITIES
 from sins_env.evaluation.svg import LOOKS, PAGE, inline
+from sins_env.evaluation.words import about, angle, number, success_text
 from sins_env.specs import ARCSEC, DEG
 
 if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw

@@ -8,7 +8,7 @@ import statistics
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-from sins_env.evaluation import board
+from sins_env.evaluation import words
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.report_figures import Look, Task
 from sins_env.evaluation.resampling import Interval
@@ -66,22 +66,22 @@ def heads_of(group: Sequence[Results]) -> list[tuple[str, str]]:
     heads = [first, ("runs aligned", "")]
     heads += [("median time", "s")] if group[0].summary.navigation is None else []
     heads += others
-    heads += [(board.bound_heading(group[0]), board.bound_of(group[0]))] if any(one.bound for one in group) else []
-    heads += [(_nees_heading(group[0]), "")] if any(board.nees_of(one.summary)[0] for one in group) else []
+    heads += [(words.bound_heading(group[0]), words.bound_of(group[0]))] if any(one.bound for one in group) else []
+    heads += [(_nees_heading(group[0]), "")] if any(words.nees_of(one.summary)[0] for one in group) else []
     heads += [("failed", "runs"), ("cost / ckf", "")]
-    return heads + ([("heading spread", "°")] if board.has_spread(group[0].task) else [])
+    return heads + ([("heading spread", "°")] if words.has_spread(group[0].task) else [])
 
 
 _UNITS = {'"': "arcsec"}
 
 
-def _columns(one: Results) -> list[board.Column]:
+def _columns(one: Results) -> list[words.Column]:
     """The main score first, beside its whisker."""
-    return sorted(board.error_columns(one), key=lambda column: not column.main)
+    return sorted(words.error_columns(one), key=lambda column: not column.main)
 
 
 def _nees_heading(one: Results) -> str:
-    return f"NEES / {board.nees_of(one.summary)[1]}"
+    return f"NEES / {words.nees_of(one.summary)[1]}"
 
 
 def rows_of(lines: Sequence[tuple[int, Results]], task: Task) -> list[Row]:
@@ -101,21 +101,21 @@ def rows_of(lines: Sequence[tuple[int, Results]], task: Task) -> list[Row]:
 
 def _cells(one: Results) -> dict[str, Cell]:
     s = one.summary
-    nees, inside = board.nees_text(s)
-    ratio, below = board.bound_text(one)
+    nees, inside = words.nees_text(s)
+    ratio, below = words.bound_text(one)
     aligned = "" if not s.scored else "good" if s.success >= 0.95 else "fair" if s.success >= 0.5 else "bad"
-    failed = board.failure_text(s)
+    failed = words.failure_text(s)
     return {
         **{column.name: Cell(*column.cell(one)) for column in _columns(one)},
-        "runs aligned": Cell(board.success_text(s), f"of {s.runs}", aligned),
-        "median time": Cell(board.seconds(s.t_conv_median_s), board.seconds_interval(s.t_conv_ci_s)),
-        board.bound_heading(one): Cell(ratio, "below" if below else "", "bad" if below else ""),
+        "runs aligned": Cell(words.success_text(s), f"of {s.runs}", aligned),
+        "median time": Cell(words.seconds(s.t_conv_median_s), words.seconds_interval(s.t_conv_ci_s)),
+        words.bound_heading(one): Cell(ratio, "below" if below else "", "bad" if below else ""),
         _nees_heading(one): Cell(
             nees, "outside" if inside is False else "", {None: "", True: "good", False: "fair"}[inside]
         ),
         "failed": Cell(failed.replace(", ", "\n"), "", "bad" if s.failures else ""),
-        "cost / ckf": Cell(board.cost_text(one)),
-        "heading spread": Cell(*board.spread_text(one)),
+        "cost / ckf": Cell(words.cost_text(one)),
+        "heading spread": Cell(*words.spread_text(one)),
     }
 
 
@@ -124,7 +124,7 @@ def _score(one: Results) -> tuple[float, Interval]:
     s = one.summary
     if s.navigation is None:
         return s.rms["U"], s.rms_ci["U"]
-    return s.navigation.armse[board.about(one.task)]
+    return s.navigation.armse[words.about(one.task)]
 
 
 def _limit(one: Results, task: Task) -> float | None:
@@ -133,7 +133,7 @@ def _limit(one: Results, task: Task) -> float | None:
         return None
     if one.summary.navigation is None:
         return float(task.bound.steady[2]) / ARCSEC
-    return one.bound_means.get(board.about(one.task))
+    return one.bound_means.get(words.about(one.task))
 
 
 def _whiskers(group: Sequence[Results], task: Task) -> Callable[[Results], Whisker | None]:

@@ -175,8 +175,8 @@ def to_blob(history: Any) -> bytes:
 
 
 def numbers_of(whole: bool) -> list[str]:
-    """The columns of numbers that are read: all, or those that tables show; the run first."""
-    return ["run", *(_SCORES if whole else [name for name in _SCORES if name.startswith(_SHOWN)])]
+    """The scores that are read after the run: all, or those that tables show."""
+    return [*(_SCORES if whole else [name for name in _SCORES if name.startswith(_SHOWN)])]
 
 
 def to_records(
@@ -185,7 +185,7 @@ def to_records(
     """The inverse of :func:`to_row`, :func:`to_span` and :func:`to_blob`.
 
     Args:
-        numbers: (R, c), the columns of :func:`numbers_of`; scores that were not read are NaN.
+        numbers: (R, 1 + c), the run and the columns of :func:`numbers_of`; scores that were not read are NaN.
         odd: status, reason, traceback, repairs and fallbacks by run, of those in TROUBLE.
         spans: (R, SPAN_COLUMNS), or (R, 0) where the task does not navigate.
         blobs: histories; without them they have length 0.
@@ -193,7 +193,7 @@ def to_records(
     Raises:
         ValueError, zlib.error: a damaged row.
     """
-    names = numbers_of(numbers.shape[1] == len(numbers_of(True)))
+    names = ["run", *numbers_of(numbers.shape[1] == 1 + len(numbers_of(True)))]
     columns = dict(zip(names, numbers.T, strict=True))
     unknown = np.full(len(numbers), np.nan)
     run = columns["run"].astype(np.int64)

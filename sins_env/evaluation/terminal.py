@@ -13,11 +13,14 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from sins_env.evaluation.board import (
+from sins_env.evaluation.board import by_task
+from sins_env.evaluation.metrics import Summary
+from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.ranking import ranked
+from sins_env.evaluation.words import (
     Column,
     bound_heading,
     bound_text,
-    by_task,
     cost_text,
     error_columns,
     failure_text,
@@ -25,14 +28,11 @@ from sins_env.evaluation.board import (
     has_spread,
     nees_of,
     nees_text,
-    ranked,
     seconds,
     seconds_interval,
     spread_text,
     success_text,
 )
-from sins_env.evaluation.metrics import Summary
-from sins_env.evaluation.monte_carlo import Results
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from sins_env.evaluation import board, plots, terminal
+from sins_env.evaluation import board, plots, ranking, terminal, words
 from sins_env.evaluation.consistency import Nees, nees_band
 from sins_env.evaluation.cost import Cost
 from sins_env.evaluation.criteria import Criteria
@@ -42,9 +42,9 @@ def text_of(renderable, width=100):
 
 
 def test_ranks_tie_where_pairs_cannot_be_told_apart():
-    lines = board.ranked([results("c", 3000), results("a", 800), results("b", 850, seed=1), results("d", 9000)])
+    lines = ranking.ranked([results("c", 3000), results("a", 800), results("b", 850, seed=1), results("d", 9000)])
     assert [(rank, one.solver) for rank, one in lines] == [(1, "a"), (1, "b"), (3, "c"), (4, "d")]
-    alone = board.ranked([results("a", 800, runs=1), results("b", 80000, runs=1)])
+    alone = ranking.ranked([results("a", 800, runs=1), results("b", 80000, runs=1)])
     assert [rank for rank, _ in alone] == [1, 1]  # single runs tell nothing apart
 
 
@@ -83,7 +83,7 @@ def test_failures_and_nees_are_shown():
     records = dataclasses.replace(one.records, status=status, repairs=np.array([3, 0, 1, 0]))
     records = dataclasses.replace(records, nees=np.full((4, 4), 30.0))
     one = dataclasses.replace(one, records=records)
-    assert board.failure_text(one.summary) == "2 diverged, 1 raised, 2 repaired"
+    assert words.failure_text(one.summary) == "2 diverged, 1 raised, 2 repaired"
     assert one.summary.failures == 4
     text = text_of(terminal.table([one]))
     for part in ("2 diverged", "1 raised", "2 repaired", "10.0", "worst error"):
@@ -114,16 +114,16 @@ def test_table_fits_in_100_columns_with_long_names():
      (math.inf, "never"), (math.nan, "-"), (99.96, "100.0")],
 )  # fmt: skip
 def test_number(value, text):
-    assert board.number(value) == text
+    assert words.number(value) == text
 
 
 def test_angle_and_seconds():
-    assert board.angle(7200.0) == "7,200"
-    assert board.angle(68400.0) == "19.0°"
-    assert board.seconds(0.1) == "0.1"
-    assert board.seconds(125.36) == "125"
-    assert board.seconds_interval((100.0, math.inf)) == "100–never"
-    assert board.seconds_interval((math.inf, math.inf)) == ""
+    assert words.angle(7200.0) == "7,200"
+    assert words.angle(68400.0) == "19.0°"
+    assert words.seconds(0.1) == "0.1"
+    assert words.seconds(125.36) == "125"
+    assert words.seconds_interval((100.0, math.inf)) == "100–never"
+    assert words.seconds_interval((math.inf, math.inf)) == ""
 
 
 def test_figures(tmp_path):
@@ -219,8 +219,8 @@ def test_no_number_and_no_word_is_broken(kind, width):
     tokens = set(text.split())
     for one in found:
         s = one.summary
-        expected = {board.angle(s.rms["U"]), *board.angle_interval(s.rms_ci["U"]).split(), "model=thesis"}
-        expected |= {board.number(s.spread_deg)} if kind == "rlg" else {"NEES"} & tokens
+        expected = {words.angle(s.rms["U"]), *words.angle_interval(s.rms_ci["U"]).split(), "model=thesis"}
+        expected |= {words.number(s.spread_deg)} if kind == "rlg" else {"NEES"} & tokens
         assert expected <= tokens, (expected - tokens, text)
         assert one.solver.rpartition(":")[2] in tokens
     if width >= 80:

@@ -13,7 +13,19 @@ import pytest
 from rich.console import Console
 from scipy import stats
 
-from sins_env.evaluation import board, bounds, cache, evaluate, get_task, metrics, paired, plots, run_episode, terminal
+from sins_env.evaluation import (
+    board,
+    bounds,
+    cache,
+    evaluate,
+    get_task,
+    metrics,
+    paired,
+    plots,
+    run_episode,
+    terminal,
+    words,
+)
 from sins_env.evaluation.criteria import Criteria
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.scoring import score
@@ -190,9 +202,9 @@ def test_no_verdict_on_a_reference():
     one = results("a", 1e-3, task=get_task("sway-anyheading-v0"))
     assert one.below_bound is None
     assert one.bound_ratio["U"] < 2e-3
-    assert board.bound_text(one) == (f"({board.number(one.bound_ratio['U'])})", None)
-    assert "only a reference here" in board.footer([one])
-    assert "leak" not in board.footer([one])
+    assert words.bound_text(one) == (f"({words.number(one.bound_ratio['U'])})", None)
+    assert "only a reference here" in words.footer([one])
+    assert "leak" not in words.footer([one])
 
 
 def test_no_ratio_without_a_bound_or_over_other_epochs(short):
@@ -202,7 +214,7 @@ def test_no_ratio_without_a_bound_or_over_other_epochs(short):
     recording = Results(get_task("rlg-car-v0"), "a", {}, "suite", short_records)
     assert recording.bound is None
     assert recording.below_bound is None
-    assert board.bound_text(recording) == ("-", None)
+    assert words.bound_text(recording) == ("-", None)
 
 
 class KnowsTheMotion:
@@ -254,7 +266,7 @@ def test_every_form_shows_the_ratio():
     assert [float(row[f"bound_ratio_{axis}"]) for axis in "enu"] == [one.bound_ratio[axis] for axis in "ENU"]
     assert (row["bound_holds"], row["below_bound"]) == ("True", "False")
     for text in (board.as_markdown([one]), draw(terminal.table([one]), 100)):
-        assert board.number(ratio) in text.split()
+        assert words.number(ratio) in text.split()
         assert "Cramér-Rao" in text
     (row,) = csv.DictReader(io.StringIO(board.as_csv([results("a", 1.0, task=get_task("sway-scratch-v0"))])))
     assert (row["bound_holds"], row["below_bound"]) == ("False", "")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sins_env.evaluation import board, compare, paired, resampling
+from sins_env.evaluation import compare, paired, ranking, resampling
 from sins_env.evaluation.criteria import Criteria
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.scoring import score
@@ -232,12 +232,12 @@ def test_pairs_tell_apart_what_single_intervals_cannot():
     a, b = common_noise(200, (1000.0, 1050.0), 0.05)
     one, other = solver("a", a), solver("b", b)
     assert one.summary.rms_ci["U"][1] > other.summary.rms_ci["U"][0]
-    assert [(rank, r.solver) for rank, r in board.ranked([other, one])] == [(1, "a"), (2, "b")]
+    assert [(rank, r.solver) for rank, r in ranking.ranked([other, one])] == [(1, "a"), (2, "b")]
     _, alone = common_noise(200, (1.0, 1050.0), 0.05, seed=9)  # the same size on noise of its own
-    assert [rank for rank, _ in board.ranked([one, solver("c", alone)])] == [1, 1]
+    assert [rank for rank, _ in ranking.ranked([one, solver("c", alone)])] == [1, 1]
     # no common run: by intervals that overlap, or do not
-    assert [rank for rank, _ in board.ranked([one, solver("d", b, runs=range(500, 700))])] == [1, 1]
-    assert [rank for rank, _ in board.ranked([one, solver("d", 3 * b, runs=range(500, 700))])] == [1, 2]
+    assert [rank for rank, _ in ranking.ranked([one, solver("d", b, runs=range(500, 700))])] == [1, 1]
+    assert [rank for rank, _ in ranking.ranked([one, solver("d", 3 * b, runs=range(500, 700))])] == [1, 2]
 
 
 def test_ranks_are_groups_behind_a_leader():
@@ -251,10 +251,10 @@ def test_ranks_are_groups_behind_a_leader():
     assert (apart["a", "b"], apart["a", "c"], apart["b", "c"]) == (False, True, False)
     expected = [(1, "a"), (1, "b"), (3, "c"), (4, "d")]
     for order in ((0, 1, 2, 3), (3, 1, 2, 0), (2, 3, 0, 1)):
-        found = board.ranked([lines[i] for i in order])
+        found = ranking.ranked([lines[i] for i in order])
         assert [(rank, one.solver) for rank, one in found] == expected
-    assert [rank for rank, _ in board.ranked([solver("x", a), solver("y", a)])] == [1, 1]
-    perfect = board.ranked([solver("a", a), solver("zero", 0 * a)])
+    assert [rank for rank, _ in ranking.ranked([solver("x", a), solver("y", a)])] == [1, 1]
+    perfect = ranking.ranked([solver("a", a), solver("zero", 0 * a)])
     assert [(rank, one.solver) for rank, one in perfect] == [(1, "zero"), (2, "a")]
 
 
@@ -262,7 +262,7 @@ def test_some_runs_in_common():
     """Solvers with other runs than the rest are paired over what they share."""
     a, b = common_noise(200, (1000.0, 1050.0), 0.05)
     half = solver("half", b[:100], runs=range(100))
-    lines = board.ranked([half, solver("a", a), solver("c", a * 1.2)])
+    lines = ranking.ranked([half, solver("a", a), solver("c", a * 1.2)])
     ranks = {one.solver: rank for rank, one in lines}
     pairs = {one.solver: compare(lines[0][1], one).differ for _, one in lines}
     assert ranks["c"] == 3
@@ -289,7 +289,7 @@ def test_a_table_of_forty_solvers_is_fast(capsys):
     base = rng.normal(0, 1000, 500)
     lines = [solver(f"s{i}", base * (1 + 0.005 * i) * (1 + 0.1 * rng.normal(size=500))) for i in range(40)]
     begin = time.perf_counter()
-    ranks = [rank for rank, _ in board.ranked(lines)]
+    ranks = [rank for rank, _ in ranking.ranked(lines)]
     with capsys.disabled():
         print(f" [ranks of 40 solvers, 500 runs: {time.perf_counter() - begin:.2f} s]", end="")
     assert ranks == sorted(ranks)

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from sins_env.evaluation import board, report, report_figures, report_tables, svg
+from sins_env.evaluation import ranking, report, report_figures, report_tables, svg, words
 from sins_env.evaluation.cli import main
 from sins_env.evaluation.cost import Cost
 from sins_env.evaluation.criteria import Criteria
@@ -132,7 +132,7 @@ def test_identifiers_are_unique_and_lead_somewhere(page):
 
 def test_the_table_is_the_boards(file, page):
     with Store(file, read_only=True) as db:
-        lines = board.ranked([db.results(key) for key in db.keys([TASK.name])])
+        lines = ranking.ranked([db.results(key) for key in db.keys([TASK.name])])
     table = next(t for t in Dom(page).tables if t[0][:2] == ["#", "solver"])
     assert len(table) == 1 + len(lines) == 6
     for row, (rank, one) in zip(table[1:], lines, strict=True):
@@ -140,21 +140,21 @@ def test_the_table_is_the_boards(file, page):
         assert row[0] == str(rank)
         assert row[1].startswith(one.solver.rpartition(":")[2])
         assert ("gain=2" in row[1]) == ("gain" in one.settings)
-        assert row[2] == f"{board.angle(s.rms['U'])} {board.angle_interval(s.rms_ci['U'])}"
-        assert row[4] == f"{board.success_text(s)} of {s.runs}"
-        assert row[5] == f"{board.seconds(s.t_conv_median_s)} {board.seconds_interval(s.t_conv_ci_s)}".strip()
-        assert row[8].startswith(board.bound_text(one)[0])
-        assert row[9].replace("\n", ", ") == board.failure_text(s)
-        assert row[10] == board.cost_text(one)
+        assert row[2] == f"{words.angle(s.rms['U'])} {words.angle_interval(s.rms_ci['U'])}"
+        assert row[4] == f"{words.success_text(s)} of {s.runs}"
+        assert row[5] == f"{words.seconds(s.t_conv_median_s)} {words.seconds_interval(s.t_conv_ci_s)}".strip()
+        assert row[8].startswith(words.bound_text(one)[0])
+        assert row[9].replace("\n", ", ") == words.failure_text(s)
+        assert row[10] == words.cost_text(one)
     assert lines[0][1].solver == "better"
-    for line in board.footer([one for _, one in lines]).split("\n"):
+    for line in words.footer([one for _, one in lines]).split("\n"):
         assert line.replace('"', "&#34;").replace("'", "&#39;") in page
 
 
 def test_intervals_on_their_axis(file):
     """On a log axis from the least end to at most five times the median RMS; what is beyond is marked."""
     with Store(file, read_only=True) as db:
-        lines = board.ranked([db.results(key) for key in db.keys([TASK.name])])
+        lines = ranking.ranked([db.results(key) for key in db.keys([TASK.name])])
     task = report_figures.Task([one for _, one in lines], {}, "t")
     found = {row.name: row.whisker for row in report_tables.rows_of(lines, task)}
     ends = {one.label: np.array([one.summary.rms["U"], *one.summary.rms_ci["U"]]) for _, one in lines}
@@ -244,7 +244,7 @@ def drawn(monkeypatch, results):
         return ""
 
     monkeypatch.setattr(report_figures, "inline", keep)
-    lines = [one for _, one in board.ranked(results)]
+    lines = [one for _, one in ranking.ranked(results)]
     looks = {one.label: report_figures.Look(i) for i, one in enumerate(lines[:-1])}
     captions = [d.caption for d in report_figures.drawings(report_figures.Task(lines, looks, "t"))]
     return out, lines, captions
@@ -270,7 +270,7 @@ def test_what_the_figures_draw(file, monkeypatch):
     assert axes.get_ylim()[0] > 0.01
     bound = next(one for one in axes.lines if len(one.get_xdata()) == len(lines[0].bound.t))
     np.testing.assert_allclose(bound.get_ydata(), lines[0].bound.sigma[:, 2] / DEG)
-    assert f"better {board.angle(lines[0].summary.rms['U'])}″" in told
+    assert f"better {words.angle(lines[0].summary.rms['U'])}″" in told
     line = curve(*out["Level error over time"][:2], "better")
     expected = np.sqrt((r.history[:, at, :2] ** 2).mean(axis=(0, 2))) / ARCSEC
     np.testing.assert_allclose(line.get_ydata(), expected, rtol=1e-5)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sins_env.evaluation import board, evaluate, store, tasks
+from sins_env.evaluation import board, database, evaluate, store, tasks
 from sins_env.evaluation.rows import SCHEMA_VERSION
 from sins_env.evaluation.store import Key, Store, StoreError, canonical
 
@@ -140,7 +140,7 @@ def old_file(request, tmp_path, results, key):
             SELECT {", ".join([*columns, "history"])} FROM new.runs JOIN new.histories USING (id) ORDER BY run DESC;
         INSERT INTO tasks SELECT task, criteria FROM new.tasks;
         INSERT INTO sessions SELECT * FROM new.sessions;
-        PRAGMA application_id = {store.APPLICATION_ID};
+        PRAGMA application_id = {database.APPLICATION_ID};
         PRAGMA user_version = {request.param};
         """)
     db.close()
@@ -274,7 +274,7 @@ def test_missing_and_empty(tmp_path):
 def test_locked(tmp_path, monkeypatch, results, key):
     path = tmp_path / "r.sqlite"
     Store(path).close()
-    monkeypatch.setattr(store, "BUSY_S", 0.05)
+    monkeypatch.setattr(database, "BUSY_S", 0.05)
     other = sqlite3.connect(path, isolation_level=None)
     with Store(path) as db:
         other.execute("BEGIN IMMEDIATE")

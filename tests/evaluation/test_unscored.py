@@ -11,7 +11,7 @@ import pytest
 from oracles import recorded
 from rich.console import Console
 
-from sins_env.evaluation import board, evaluate, plots, run_episode, tasks, terminal
+from sins_env.evaluation import board, evaluate, plots, ranking, run_episode, tasks, terminal, words
 from sins_env.evaluation.cli import main
 from sins_env.evaluation.store import Key, Store
 from sins_env.evaluation.tasks import EvaluationTask
@@ -60,7 +60,7 @@ def test_failures_are_counted(unscored, how):
     assert found.records.broken.all()
     assert np.isnan(found.records.final).all()
     assert found.summary.failures == 3
-    assert board.failure_text(found.summary) == ("3 raised" if how == "raise" else "3 diverged")
+    assert words.failure_text(found.summary) == ("3 raised" if how == "raise" else "3 diverged")
 
 
 def test_lost_runs_are_not_scored_either(unscored):
@@ -76,7 +76,7 @@ def test_lost_runs_are_not_scored_either(unscored):
 
 def test_every_form_shows_no_score(found):
     other = dataclasses.replace(found, solver="other")
-    assert [(rank, one.solver) for rank, one in board.ranked([other, found])] == [(1, "other"), (1, found.solver)]
+    assert [(rank, one.solver) for rank, one in ranking.ranked([other, found])] == [(1, "other"), (1, found.solver)]
     for entry in json.loads(board.as_json([found, other])):
         assert entry["success"] is entry["t_conv_median_s"] is None
         assert set(entry["rms"].values()) == {None}
@@ -86,13 +86,13 @@ def test_every_form_shows_no_score(found):
         assert float(row["spread_deg"]) == found.summary.spread_deg
         assert row["diverged"] == "0"
     cells = [cell.strip() for cell in board.as_markdown([found]).splitlines()[6].split("|")[1:-1]]
-    assert cells == ["-", found.solver, "3", *["-"] * 6, "0", "-", board.number(found.summary.spread_deg)]
+    assert cells == ["-", found.solver, "3", *["-"] * 6, "0", "-", words.number(found.summary.spread_deg)]
     for width in (80, 120):
         console = Console(width=width, file=io.StringIO())
         console.print(terminal.table([found, other], width))
         text = console.file.getvalue()
         assert "no reference" in text
-        assert board.number(found.summary.spread_deg) in text
+        assert words.number(found.summary.spread_deg) in text
         for part in ("nan", "%", "never", "equal ranks"):
             assert part not in text
 

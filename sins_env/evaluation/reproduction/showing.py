@@ -10,10 +10,10 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from sins_env.evaluation.board import number
 from sins_env.evaluation.outcome import titled
 from sins_env.evaluation.reproduction.tables import Outcome, Table
 from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, REPRODUCED
+from sins_env.evaluation.words import number
 
 _STYLES = {REPRODUCED: "green", IN_ORDER: "yellow", NOT: "red"}
 
