@@ -81,7 +81,7 @@ class ReplayWorld(ChunkedWorld):
         streams = [rng.spawn(2) for rng in rngs]  # window, start
         self._first_samples = windows[pick_rows("window", given, len(windows), [s[0] for s in streams])]
         self._rewind()
-        truth = NavState(*(part[:, 0] for part in self._truth(self._times(0, 1))))
+        truth = self.truth_at(0)
         if self.settings.start == "unknown":
             return truth, None
         draws = standard_normal([s[1] for s in streams], (9,))
@@ -109,6 +109,10 @@ class ReplayWorld(ChunkedWorld):
         valid = (np.abs(gnss.t_s[i] - times) <= half)[..., None] & there[:, None]
         assert gnss.vel is not None
         return gnss.vel[i] * valid, gnss.pos[i] * valid, valid.astype(np.int8)
+
+    def truth_at(self, k: int) -> NavState:
+        """The reference at the end of epoch k, (runs, ...), in any order."""
+        return NavState(*(part[:, 0] for part in self._truth(self._times(k, 1))))
 
     def _truth(self, times: Array) -> NavState:
         return recordings.reference_at(self.recording, times, self.windows.half_sample)

@@ -109,6 +109,10 @@ class VehicleWorld(BaseWorld):
             events = [settings.events] * len(rngs)
         return self.trajectory.reset(rngs, settings.headings(records, len(rngs)), events)
 
+    def truth_at(self, k: int) -> NavState:
+        """The true states at the end of epoch k, (runs, ...), in any order."""
+        return NavState(*(part[:, 0] for part in self.trajectory.chunk(k - 1, 1).state))
+
 
 def _vehicle(**settings: Any) -> World:
     return VehicleWorld(VehicleSettings.of(settings))

@@ -48,6 +48,7 @@ class EvaluationTask:
     score_from_s: float = 0.0  #: from where the time means of a navigation task count, s from switch-on
     rank_by: str = "azimuth"  #: what ranks a navigation task: "azimuth", "position", "velocity" or "failures"
     fail_azimuth_deg: float | None = None  #: a run whose azimuth error at the end is larger has failed
+    seeds_of: str = ""  #: the task whose run seeds it has, so that run by run the settings alone differ; empty: its own
 
     @property
     def delta(self) -> Array:
@@ -129,7 +130,7 @@ _SEEDS = "allowed: a whole number that is not negative"
 
 def _sequence(task: EvaluationTask, suite_seed: int | None, *key: int) -> np.random.SeedSequence:
     seed = _seed(task, suite_seed)
-    return np.random.SeedSequence(seed, spawn_key=(zlib.crc32(task.name.encode()), *key))
+    return np.random.SeedSequence(seed, spawn_key=(zlib.crc32((task.seeds_of or task.name).encode()), *key))
 
 
 def _seed(task: EvaluationTask, suite_seed: int | None) -> int:

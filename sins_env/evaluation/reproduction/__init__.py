@@ -7,10 +7,11 @@ a line below that lists them.
 from __future__ import annotations
 
 from sins_env.errors import unknown
-from sins_env.evaluation.reproduction import car_coarse
+from sins_env.evaluation.reproduction import car_coarse, car_fine, car_interference
 from sins_env.evaluation.reproduction.tables import Table
 
-TABLES: dict[str, Table] = {table.number: table for table in (*car_coarse.TABLES,)}
+_ALL = (*car_coarse.TABLES, *car_fine.TABLES, *car_interference.TABLES)
+TABLES: dict[str, Table] = {table.number: table for table in _ALL}
 
 
 def names() -> list[str]:

@@ -4,23 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from sins_env.evaluation.catalogue import VEHICLE_HEADINGS_DEG, VEHICLE_SCENES
-from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.reproduction.readings import azimuth
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
-from sins_env.evaluation.reproduction.verdicts import Estimate, Printed, root_mean_square
+from sins_env.evaluation.reproduction.verdicts import Printed
 from sins_env.evaluation.tasks import EvaluationTask
 
 RECORDS = 10  #: behind each printed figure
 COARSE_S = 90.0
 _LAST = 0.1  #: the epoch that is read belongs to the fine phase, in which these estimators go on
-
-
-def azimuth_spread(results: Results) -> Estimate:
-    """Standard deviation over runs of the azimuth error at the end, deg: what the thesis calls RMS, without a known truth."""
-    records = results.records
-    return root_mean_square(np.degrees(np.where(records.unfinished, np.nan, records.final[:, 2])), about_mean=True)
 
 
 def _task(name: str, what: str, env_id: str, kwargs: dict[str, Any], **more: Any) -> EvaluationTask:
@@ -32,13 +24,16 @@ def _car(number: str, first: int) -> EvaluationTask:
     """The ten records of ``vehicle-v0`` from the first on."""
     ten = slice(first, first + RECORDS)
     headings, scenes = VEHICLE_HEADINGS_DEG[ten], VEHICLE_SCENES[ten]
-    what = f"simulated parked car, {_said(scenes)}, heading {headings[0]:g} deg, {COARSE_S:g} s"
+    what = f"simulated parked car, {said(ten)}, {COARSE_S:g} s"
     settings = {"heading_deg": headings, "events": scenes, "duration": COARSE_S}
     return _task(f"table-{number}-car-v0", what, "SINS/AlignVehicle-v0", settings, records=RECORDS)
 
 
-def _said(scenes: list[str]) -> str:
-    return " and ".join(f"{scenes.count(name)} records of {name}" for name in dict.fromkeys(scenes))
+def said(part: slice) -> str:
+    """What the records of one position of ``vehicle-v0`` are."""
+    scenes = VEHICLE_SCENES[part]
+    counts = " and ".join(f"{scenes.count(name)} records of {name}" for name in dict.fromkeys(scenes))
+    return f"{counts}, heading {VEHICLE_HEADINGS_DEG[part][0]:g} deg"
 
 
 RECORDING = _task(
@@ -55,7 +50,7 @@ def _lines(task: EvaluationTask, inertial: float, *analytic: float) -> tuple[Lin
 
     def line(label: str, solver: str, printed: float | None = None, **settings: Any) -> Line:
         figure = None if printed is None else Printed(printed, RECORDS, about_mean=True)
-        return Line(label, task, solver, azimuth_spread, settings, figure)
+        return Line(label, task, solver, azimuth(), settings, figure)
 
     return (
         line("inertial, two vectors", "coarse_inertial", inertial, method="two_vector"),

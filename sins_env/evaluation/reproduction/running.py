@@ -30,7 +30,7 @@ def run_tables(
         [_plan(group, runs or (group.quick if quick else group.runs)) for group in table.groups] for table in tables
     ]
     wanted: dict[Key, Evaluation] = {}
-    for one in (one for plan in chain(*plans) for one in plan.evaluations):
+    for one in (one for plan in chain(*plans) for of_line in plan.evaluations for one in of_line):
         wanted[one.key] = max(one, wanted.get(one.key, one), key=lambda each: len(each.runs))
     for task in {one.task.name: one.task for one in wanted.values()}.values():
         store.add_task(task)
@@ -40,7 +40,7 @@ def run_tables(
 
 class _Plan(NamedTuple):
     group: Group
-    evaluations: tuple[Evaluation, ...]  #: of its lines; none if it cannot be run
+    evaluations: tuple[tuple[Evaluation, ...], ...]  #: of each line, one for each of its tasks; none if it cannot be run
     missing: str = ""  #: why it cannot
 
 
@@ -48,7 +48,7 @@ def _plan(group: Group, runs: int) -> _Plan:
     missing = _missing(group)
     if missing:
         return _Plan(group, (), missing)
-    return _Plan(group, tuple(_evaluation(line, runs) for line in group.lines))
+    return _Plan(group, tuple(_evaluations(line, runs) for line in group.lines))
 
 
 def _missing(group: Group) -> str:
@@ -56,19 +56,26 @@ def _missing(group: Group) -> str:
     for line in group.lines:
         registry.make(line.solver, line.settings)
         try:
-            line.task.make(1).close()
+            for task in line.tasks:
+                task.make(1).close()
         except FileNotFoundError as error:
             return str(error)
     return ""
 
 
-def _evaluation(line: Line, runs: int) -> Evaluation:
-    return Evaluation.of(line.task, line.solver, line.settings, range(min(runs, line.task.max_runs or runs)), None)
+def _evaluations(line: Line, runs: int) -> tuple[Evaluation, ...]:
+    return tuple(
+        Evaluation.of(task, line.solver, line.settings, range(min(runs, task.max_runs or runs)), None)
+        for task in line.tasks
+    )
 
 
 def _outcome(plan: _Plan, store: Store) -> Outcome:
     if plan.missing:
         return Outcome(plan.group, (), (), plan.missing)
     lines = plan.group.lines
-    ours = tuple(line.read(store.results(one.key, one.runs)) for line, one in zip(lines, plan.evaluations, strict=True))
+    ours = tuple(
+        line.read(*(store.results(one.key, one.runs) for one in of_line))
+        for line, of_line in zip(lines, plan.evaluations, strict=True)
+    )
     return Outcome(plan.group, ours, tuple(verdicts([line.printed for line in lines], ours)))

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.reproduction.verdicts import Estimate, Printed
 from sins_env.evaluation.tasks import EvaluationTask
 
@@ -18,9 +17,15 @@ class Line:
     label: str
     task: EvaluationTask
     solver: str
-    read: Callable[[Results], Estimate]  #: what the line shows, in the unit of the group
+    read: Callable[..., Estimate]  #: what the line shows, in the unit of the group, of the results of its runs
     settings: Mapping[str, Any] = field(default_factory=dict)
     printed: Printed | None = None  #: None: not in the source
+    against: EvaluationTask | None = None  #: ``read`` then gets the results of the same runs of this task besides
+
+    @property
+    def tasks(self) -> tuple[EvaluationTask, ...]:
+        """Those whose results ``read`` gets."""
+        return (self.task,) if self.against is None else (self.task, self.against)
 
 
 @dataclass(frozen=True)
