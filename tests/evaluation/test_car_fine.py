@@ -1,0 +1,193 @@
+"""Fine alignment on the car: what is read off the runs, printed figures, and what a disturbance does."""
+
+import dataclasses
+
+import gymnasium
+import numpy as np
+import pytest
+from oracles import recorded
+
+from sins_env import attitude
+from sins_env.evaluation import evaluate, registry
+from sins_env.evaluation.reproduction import car_fine, car_interference, get_table, readings, running
+from sins_env.evaluation.reproduction.tables import Group, Line, Table
+from sins_env.evaluation.scoring import Criteria, score
+from sins_env.evaluation.store import Store
+from sins_env.evaluation.tasks import EvaluationTask, run_seed
+
+#: 000 tables 6.6 to 6.8, a column for each filter.
+HEADINGS = {
+    "6.6": (
+        "149.36955873 149.36406412 149.38612152 149.31398353 149.37675242 "
+        "149.36430388 149.32007124 149.37589253 149.38340618 149.36934284",
+        "149.36042898 149.35948883 149.35860820 149.32693473 149.37888500 "
+        "149.34532229 149.34141195 149.35917547 149.34082565 149.32671397",
+        "149.34822298 149.38260294 149.39607221 149.30802591 149.39131637 "
+        "149.37307524 149.38193171 149.38776510 149.38838764 149.36896023",
+        "149.37817236 149.36526814 149.38883067 149.36026744 149.41502718 "
+        "149.38491836 149.36824796 149.37704695 149.36180437 149.36964097",
+    ),
+    "6.7": (
+        "28.862609015 28.824955099 28.790584574 28.848700793 28.818397559 "
+        "28.806219313 28.815183969 28.801809605 28.787738972 28.824859964",
+        "28.845705455 28.811837048 28.795397129 28.806271134 28.783701159 "
+        "28.795590508 28.816168541 28.790369699 28.807343932 28.816693461",
+        "28.8654344885 28.8321161599 28.7569690446 28.8732914065 28.8241878211 "
+        "28.845014799 28.8394590191 28.8027495615 28.7323004921 28.8067660835",
+        "28.847213108 28.828845399 28.810460775 28.823982984 28.784192738 "
+        "28.837472065 28.826204467 28.815836371 28.843328684 28.827510842",
+    ),
+    "6.8": (
+        "26.444695058 26.448554624 26.397097729 26.403187243 26.424103345 "
+        "26.423017177 26.346101335 26.389141012 26.422848344 26.401943980",
+        "26.436242192 26.425788819 26.409228938 26.407870652 26.422564487 "
+        "26.421443988 26.365859531 26.406484459 26.404699413 26.396663934",
+        "26.441003643 26.452575722 26.403351594 26.372759344 26.424664664 "
+        "26.437331107 26.329217079 26.425334284 26.348277022 26.394301273",
+        "26.447499804 26.427870856 26.419485565 26.409831608 26.433551609 "
+        "26.431045514 26.380463199 26.406325975 26.401109085 26.400026022",
+    ),
+}
+
+
+@pytest.mark.parametrize("number", HEADINGS)
+def test_printed_figures_are_those_of_the_printed_headings(number):
+    lines = get_table(number).groups[0].lines
+    for line, (_, solver, _), column in zip(lines, car_fine.FILTERS, HEADINGS[number], strict=False):
+        headings = np.array(column.split(), dtype=float)
+        assert (line.solver, line.printed.records, line.printed.about_mean) == (solver, 10, True)
+        assert line.printed.value == pytest.approx(headings.std(ddof=1), rel=2e-6)
+
+
+def test_the_printed_level_figures_are_of_the_car_not_of_the_filters():
+    for figures in (*car_fine.PITCH, *car_fine.ROLL):
+        assert max(figures) - min(figures) < 0.0005
+
+
+def test_the_zoo_is_whole():
+    others = {"two_pass", "coarse_inertial", "coarse_oba", "coarse_analytic1", "coarse_analytic2", "coarse_analytic3"}
+    adapters = {"filterpy_kf", "filterpy_ekf", "filterpy_ukf"}
+    own = {name for name in registry.names() if registry.is_own(name)}
+    assert {*car_fine.ZOO, *car_fine.PARTICLES} == own - others - adapters
+
+
+def short(task, **kwargs):
+    return dataclasses.replace(task, kwargs={**task.kwargs, "coarse": 20.0, "duration": 120.0, **kwargs}, hold_s=5.0)
+
+
+def twin(name, events):
+    return short(dataclasses.replace(car_interference.UNDISTURBED, name=name), events=events)
+
+
+QUIET = twin("quiet-twin", [])
+EARLY_S, LATE_S = 45.0, 100.0
+
+
+def kf(task, runs=8):
+    return evaluate(task, "kf", runs, settings=car_fine.AS_THESIS, workers=1, cost=False)
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    return kf(QUIET)
+
+
+def test_angles_at_the_end_are_those_of_the_car_and_of_the_answer():
+    """Beside the truth that the environment reveals, counted from that at switch-on, and the heading that is on record."""
+    task = short(car_fine.CAR, event_rate_per_min=20.0, duration=30.0)
+    results = kf(task, 24)
+    env = gymnasium.make_vec(task.env_id, num_envs=24, **task.kwargs, reveal_truth=True)
+    obs, info = task.reset(env, range(24))
+    estimator = registry.make("kf", car_fine.AS_THESIS)
+    estimator.reset(env.unwrapped.task, np.random.default_rng(0), 24)
+    first = info["truth"]["q_nb"].copy()
+    for _ in range(300):
+        action = estimator.step(obs)
+        obs, *_, info = env.step(action)
+    place, true, found = (
+        np.stack(attitude.to_euler(attitude.to_dcm(q)), -1) for q in (first, info["truth"]["q_nb"], action)
+    )
+    estimated, truth = readings.angles(results)
+    np.testing.assert_allclose(truth, attitude.wrap(true - place), atol=1e-12)
+    np.testing.assert_allclose(estimated, attitude.wrap(found - place), atol=1e-9)
+    assert np.abs(truth[:, 2]).max() > 1e-3  # the car has tilted
+    for what, expected in (("found", found - place), ("true", true - place), ("error", found - true)):
+        read = readings.level("roll", what)(results).value
+        assert read == pytest.approx(np.degrees(attitude.wrap(expected))[:, 2].std(ddof=1), rel=1e-6)
+    ten = readings.of_records(slice(10, 20), readings.azimuth())(results)
+    assert ten.runs == 10
+    assert ten.value == pytest.approx(np.degrees(results.records.final[10:20, 2]).std(ddof=1))
+    assert readings.of_records(slice(25, 30), readings.azimuth())(results).runs == 0
+
+
+def test_angles_of_a_recording_are_not_counted_from_a_place(tmp_path):
+    path = recorded.counts(tmp_path / "small.npz")
+    kwargs = {"recording": path, "window": [1.0, 3.0], "stride": 2.0, "coarse": 1.0}
+    task = EvaluationTask("small-v0", "", "", "SINS/Replay-v0", 0.3, 90.0, kwargs, windows=4, hold_s=1.0)
+    results = kf(task, 4)
+    found, true = readings.angles(results)
+    expected = np.stack(attitude.to_euler(recorded.attitudes(np.array([4.0, 6.0, 8.0, 10.0])).as_matrix()), axis=-1)
+    np.testing.assert_allclose(true, expected, atol=1e-9)
+    np.testing.assert_allclose(attitude.wrap(found[:, 0] - results.records.heading), 0.0, atol=1e-9)
+
+
+def made(quiet, azimuth_deg, status=None):
+    """Results with this azimuth error each second, (R, 20) deg."""
+    criteria = Criteria(1.0, 20, 5, np.ones(3), np.ones(3), 5.0)
+    phi = np.zeros((*azimuth_deg.shape, 3))
+    phi[..., 2] = np.radians(azimuth_deg)
+    records = score(phi, None, criteria)
+    return dataclasses.replace(
+        quiet, records=records if status is None else dataclasses.replace(records, status=np.array(status))
+    )
+
+
+def test_what_is_read_off_a_disturbance(quiet):
+    """A difference of 2^(10 - t) deg and of three times that from 10 s on, on whatever the twin's error was."""
+    t = np.arange(1.0, 21.0)
+    base = np.random.default_rng(1).standard_normal((3, 20))
+    effect = np.where(t > 10, 2.0 ** (10 - t), 0.0) * np.array([[1.0], [3.0], [100.0]])
+    without = made(quiet, base)
+    disturbed = made(quiet, base + effect, ["ok", "ok", "raised"])
+    disturbed.records.history[2, 15:] = np.nan
+    found = readings.excursion(10.0)(disturbed, without)
+    assert found[::3] == (pytest.approx(0.5 * np.sqrt(5.0), rel=1e-5), 2)
+    assert found.lost == 1
+    assert readings.left(disturbed, without).value == pytest.approx(2.0**-10 * np.sqrt(5.0), rel=1e-4)
+    back = readings.recovery(10.0, 0.1)(disturbed, without)  # 2^-3 > 0.1 > 2^-4, 3 x 2^-4 > 0.1 > 3 x 2^-5
+    assert (back.value, back.low, back.high, back.runs, back.lost) == (3.5, 3.0, 4.0, 2, 1)
+    assert readings.recovery(10.0, 1e-9)(without, without).value == 0.0
+    assert readings.azimuth(points=4)(without).value == pytest.approx(base[:, -4:].mean(axis=1).std(ddof=1), rel=1e-5)
+
+
+def test_twins_differ_by_the_disturbance_alone(quiet):
+    """To the last bit before it; and a person who comes in during convergence does more than one after it, or than a door."""
+    early, late, door = (
+        kf(twin(f"{kind}-{t}", [{"t": t, "kind": kind}]))
+        for kind, t in (("in", EARLY_S), ("in", LATE_S), ("door", EARLY_S))
+    )
+    same = quiet.records.criteria.history_t <= EARLY_S
+    np.testing.assert_array_equal(early.records.history[:, same], quiet.records.history[:, same])
+    assert run_seed(QUIET, 3) == run_seed(early.task, 3) != run_seed(dataclasses.replace(QUIET, seeds_of=""), 3)
+    one, after, slammed = (
+        readings.excursion(t)(found, quiet) for found, t in ((early, EARLY_S), (late, LATE_S), (door, EARLY_S))
+    )
+    assert one.low > 2 * after.high > 0
+    assert one.low > 2 * slammed.high > 0
+
+
+def test_a_line_reads_two_tasks(tmp_path):
+    """Both are run once and kept; the twin's runs are shared."""
+    task = short(car_interference.task("door", "before"), events=[{"t": 22.0, "kind": "door"}], duration=25.0)
+    line = Line("door", task, "kf", readings.excursion(22.0), car_fine.AS_THESIS, None, short(QUIET, duration=25.0))
+    table = Table(
+        "x", "", "", "", (Group("one", "deg", (line, dataclasses.replace(line, label="left", read=readings.left))),)
+    )
+    with Store(tmp_path / "runs.sqlite") as store:
+        ((outcome,),) = running.run_tables([table], store, 3, workers=1)
+        ((again,),) = running.run_tables([table], store, 3, workers=1)
+        assert len(store.keys()) == 2
+    assert outcome.ours == again.ours
+    assert [one.runs for one in outcome.ours] == [3, 3]
+    assert outcome.ours[0].value > 0
+    assert outcome.verdicts == ("", "")
