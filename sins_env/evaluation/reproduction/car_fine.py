@@ -144,9 +144,9 @@ def _level_table(number: str, name: str, printed: tuple[tuple[float, ...], ...])
         number,
         f"{name} of a parked car",
         "000",
-        f"Standard deviation of the {name} over records after 90 s + 210 s. What is printed is hardly an error: it agrees to 1 % "
-        "between the filters, and is how the car itself stood when each record ended, with the people then in it. A simulated car "
-        "counts from its place.",
+        f"Standard deviation of the {name} over records after 90 s + 210 s. What is printed is no error: the filters "
+        "agree within 0.0005 deg, for it is how the car itself stood when each record ended, with the people then in it. A "
+        "simulated car counts from its place; the errors on the recording are against a smoother on the same sensors.",
         (*groups, Group(WINDOWS, "deg", _level_lines(name, RECORDING, None, whole), RUNS, QUICK)),
     )
 

@@ -40,7 +40,9 @@ def run_tables(
 
 class _Plan(NamedTuple):
     group: Group
-    evaluations: tuple[tuple[Evaluation, ...], ...]  #: of each line, one for each of its tasks; none if it cannot be run
+    evaluations: tuple[
+        tuple[Evaluation, ...], ...
+    ]  #: of each line, one for each of its tasks; none if it cannot be run
     missing: str = ""  #: why it cannot
 
 
