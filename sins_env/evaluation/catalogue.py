@@ -229,6 +229,7 @@ DEFINITIONS: tuple[Fields, ...] = (
             0.4,
             190.0,
             "failures",
+            fail_azimuth_deg=5.0,
         )
         for spread in ((5, 5, 30), (10, 10, 60), (20, 20, 90))
     ),
