@@ -180,7 +180,7 @@ def _zoo_table() -> Table:
         "after 000 ch. 6",
         "Heading error after 90 s of coarse (inertial, SVD) and 210 s of fine alignment: standard deviation over records or "
         "windows, and RMS against the recording's reference, which is a smoother's on the same data. None of it is printed. The "
-        "first two lines have no fine phase and use all 300 s; the filters are told that the first 90 s left 2 deg: they lose them.",
+        "first two lines have no fine phase and use all 300 s; the filters are told that 90 s left 2 deg, and lose them.",
         (
             Group(f"{WINDOWS}: spread", "deg", _zoo(RECORDING, ZOO + PARTICLES, spread), RUNS, QUICK),
             Group(f"{WINDOWS}: RMS", "deg", _zoo(RECORDING, ZOO + PARTICLES, rms), RUNS, QUICK),
