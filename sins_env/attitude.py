@@ -164,10 +164,24 @@ def to_euler(C: Array) -> tuple[Array, Array, Array]:
 
 def body_rate(angles: Array, rates: Array) -> Array:
     """omega_nb^b (..., 3) of heading, pitch, roll and their rates, (..., 3) each. equations.md A.2."""
-    _, pitch, roll = np.moveaxis(angles, -1, 0)
-    dh, dp, dr = np.moveaxis(rates, -1, 0)
-    cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
-    return np.stack([dp * cr + dh * sr * cp, dr - dh * sp, dp * sr - dh * cr * cp], axis=-1)
+    tilt = np.moveaxis(angles, -1, 0)[1:]
+    return np.stack(body_rate_planes(np.sin(tilt), np.cos(tilt), np.moveaxis(rates, -1, 0)), axis=-1)
+
+
+def body_rate_planes(sine: Array, cosine: Array, rates: Array) -> tuple[Array, Array, Array]:
+    """The same with components in front: sine and cosine of pitch and roll (2, ...), rates of heading, pitch, roll (3, ...)."""
+    (sp, sr), (cp, cr), (dh, dp, dr) = sine, cosine, rates
+    return dp * cr + dh * sr * cp, dr - dh * sp, dp * sr - dh * cr * cp
+
+
+def cross_planes(a: Array, b: Array) -> Array:
+    """a x b along the first axis."""
+    first = a[1] * b[2] - a[2] * b[1]
+    out = np.empty((3, *first.shape))
+    out[0] = first
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+    return out
 
 
 def davenport(M: Array) -> Array:

@@ -13,6 +13,7 @@ q = a s + Re(h' exp(L t)), with H(p) = w^2 / (p^2 + 2 zeta w p + w^2) and L = -z
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -85,7 +86,7 @@ class Modes:
         p = self._turn[..., None]
         H = self.omega**2 / (p**2 + 2 * self._decay * p + self.omega**2)
         driven = weight.reshape(-1, 3, 1) * H * size[:, None]  # (inputs, k, modes)
-        self._driven = _powers(p, driven)  # (inputs, k, derivatives, modes)
+        self._driven = np.moveaxis(_powers(p, driven), 0, 2)  # (inputs, k, derivatives, modes)
         self._first = self._free(-driven.real.sum(axis=1), -(p * driven).real.sum(axis=1))
         swung = driven * np.exp(p * self._length[:, None, None])
         last = self._first * np.exp(self.root * self._length[:, None])
@@ -97,56 +98,64 @@ class Modes:
         return q - 1j * (rate + self._decay * q) / self._swing
 
     def response(self, t: Array, rows: slice = slice(None)) -> Array:
-        """Deflection, rate and acceleration of these rows at ascending times t: (rows, len(t), 3, modes)."""
-        spans = np.split(t, np.flatnonzero(np.diff(t // SPAN_S)) + 1)
-        return np.concatenate([self._span(span, rows) for span in spans], axis=1)
-
-    def _span(self, t: Array, rows: slice) -> Array:
+        """Deflection, rate and acceleration of these rows at ascending times t, components in front: (3, modes, rows, len(t))."""
         begin, end, _ = rows.indices(self._rows)
-        here = (self._row >= begin) & (self._row < end)
+        out = np.empty((3, len(self.omega), end - begin, len(t)))
+        borders = [0, *(np.flatnonzero(np.diff(t // SPAN_S)) + 1), len(t)]
+        for first, last in itertools.pairwise(borders):
+            self._span(t[first:last], begin, out[..., first:last])
+        return out
+
+    def _span(self, t: Array, begin: int, out: Array) -> None:
+        """The response of the rows from ``begin`` on into ``out`` (3, modes, rows, len(t))."""
+        rows, modes = out.shape[2], len(self.omega)
+        here = (self._row >= begin) & (self._row < begin + rows)
         past, now = here & (self._end <= t[0]), here & (self._end > t[0]) & (self._begin < t[-1])
-        settled, free = (
-            np.zeros((end - begin, len(self.omega))),
-            np.zeros((end - begin, len(self.omega)), dtype=complex),
-        )
+        settled, free = np.zeros((rows, modes)), np.zeros((rows, modes), dtype=complex)
         # one input after the other: the bits of a row do not depend on its neighbours
         np.add.at(settled, self._row[past] - begin, self._settled[past])
         np.add.at(free, self._row[past] - begin, self._since(self._last, self._end, past, t[0]))
-        swing = _powers(self.root, np.exp(self.root * (t - t[0])[:, None]))  # (times, derivatives, modes)
-        out = _real(free[:, None, None], swing)
-        out[:, :, 0] += settled[:, None]
+        swing = _powers(self.root[:, None], np.exp(self.root[:, None] * (t - t[0])))[:, :, None]
+        _real(free.T[..., None], swing, out)
+        out[0] += settled.T[..., None]
         if now.any():
-            np.add.at(out, self._row[now] - begin, self._under_way(now, t, swing))
-        return out
+            self._add_under_way(now, t, swing, self._row[now] - begin, out)
 
     def _since(self, h: Complex, at: Array, which: NDArray[np.bool_], t: float) -> Complex:
         """Free oscillations h of the time ``at``, at time t: (inputs, modes)."""
         moved: Complex = h[which] * np.exp(self.root * (t - at[which])[:, None])
         return moved
 
-    def _under_way(self, which: NDArray[np.bool_], t: Array, swing: Complex) -> Array:
-        """The responses to inputs that last at some of the times, (inputs, len(t), 3, modes)."""
+    def _add_under_way(
+        self, which: NDArray[np.bool_], t: Array, swing: Complex, rows: NDArray[np.int64], out: Array
+    ) -> None:
+        """Adds the responses to inputs that last at some of the times; ``rows`` is whose each of them is, ascending."""
         since = t - self._begin[which, None]
         over = since >= self._length[which, None]
         lasts = (since >= 0) & ~over
         first, last = (
-            self._since(h, at, which, t[0])[:, None, None]
+            self._since(h, at, which, t[0]).T[..., None]
             for h, at in ((self._first, self._begin), (self._last, self._end))
         )
-        out = _real(np.where(over[..., None, None], last, first * lasts[..., None, None]), swing)
+        added = np.empty((*out.shape[:2], *since.shape))  # (3, modes, inputs, times)
+        _real(np.where(over, last, first * lasts), swing, added)
+        added[0] += self._settled[which].T[..., None] * over
         one, when = np.nonzero(lasts)
-        turned = np.exp(self._turn[which][one] * since[one, when, None])[..., None, None]
-        out[one, when] += _real(turned, self._driven[which][one]).sum(axis=1)
-        out[:, :, 0] += self._settled[which, None] * over[..., None]
-        return out
+        turned = np.exp(self._turn[which][one].T * since[one, when])  # (k, pairs)
+        driven = self._driven[which][one].transpose(2, 3, 1, 0)  # (3, modes, k, pairs)
+        added[:, :, one, when] += (turned.real * driven.real - turned.imag * driven.imag).sum(axis=2)
+        # the first inputs of all rows, then the second ones: in the order of each row, whatever the others have
+        turn = np.arange(len(rows)) - np.searchsorted(rows, rows)
+        for i in range(int(turn.max()) + 1):
+            out[:, :, rows[turn == i]] += added[:, :, turn == i]
 
 
 def _powers(p: Complex, x: Complex) -> Complex:
-    """x, p x, p^2 x on a new axis before the last: the derivatives of x exp(p t) at t = 0."""
-    return np.stack([x, p * x, p * p * x], axis=-2)
+    """x, p x, p^2 x on a new first axis: the derivatives of x exp(p t) at t = 0."""
+    return np.stack([x, p * x, p * p * x])
 
 
-def _real(x: Complex, y: Complex) -> Array:
-    """Re(x y), in half the work."""
-    out: Array = x.real * y.real - x.imag * y.imag
-    return out
+def _real(x: Complex, y: Complex, out: Array) -> None:
+    """Re(x y) into ``out``, in half the work."""
+    np.multiply(np.ascontiguousarray(x.real), np.ascontiguousarray(y.real), out=out)
+    out -= np.ascontiguousarray(x.imag) * np.ascontiguousarray(y.imag)

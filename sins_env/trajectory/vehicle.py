@@ -29,7 +29,7 @@ from sins_env.types import NavState, Site
 Array = NDArray[np.float64]
 
 _NODES = 2  #: of a sample of 10 ms, or of each 10 ms of a longer one; see the tests for what is left
-_BLOCK = 20_000  #: instants of all runs that exist at once
+_BLOCK = 6_000  #: instants of all runs that exist at once
 PARKED_STD = 0.5 * DEG  #: of pitch and roll of the place
 
 
@@ -44,10 +44,10 @@ class Vehicle:
         self.site, self.epoch_s, self.n_sub = site, epoch_s, n_sub
         self.duration_s, self.rate_per_min = duration_s, rate_per_min
         self._earth = model = earth.get(site.earth)
-        self._gravity = np.array([0.0, 0.0, float(earth.gravity(model, site.latitude, site.height))])
+        self._gravity = float(earth.gravity(model, site.latitude, site.height))
         self._rate_ie = earth.rate_n(model, site.latitude)
         self._transport = earth.transport_matrix(model, site.latitude, site.height)
-        self._lever = np.array(car.LEVER_M)
+        self._lever = np.array(car.LEVER_M)[:, None, None]
         self._modes = Modes(car.HZ, car.DAMPING)
         parts = max(1, round(epoch_s / n_sub / 0.01))  # longer samples than those of the recording are split
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
@@ -94,66 +94,78 @@ class Vehicle:
         for begin in range(0, runs, size):
             rows = slice(begin, min(begin + size, runs))
             both = self._rate_and_force(self._instants(t, rows), rows)
-            both = both.reshape(*both.shape[:2], len(samples), -1, 3)
-            increments[:, rows] = np.matmul(self._weights, both)
+            both = np.matmul(both.reshape(*both.shape[:3], len(samples), -1), self._weights)
+            increments[:, rows] = both.transpose(0, 2, 3, 1)
         ends = np.arange(first_epoch + 1, first_epoch + num_epochs + 1, dtype=np.float64) * self.epoch_s
         dtheta, dvel = increments.reshape(2, runs, num_epochs, self.n_sub, 3)
         return Motion(dtheta, dvel, *self._states(ends))
 
     def _instants(self, t: Array, rows: slice = slice(None)) -> _Instants:
         q = self._modes.response(t, rows)
-        angles = q[..., :3]  # (rows, times, derivatives, heading pitch roll)
-        angles[..., 2] += q[..., 3]
-        angles[:, :, 0, 1:] += self._parked[rows, None]
-        shift = np.stack([-car.UPPER_AXIS_M * q[..., 3], q[..., 5], q[..., 4]], axis=-1)
-        C = attitude.to_dcm(attitude.from_euler(*np.moveaxis(angles[:, :, 0], -1, 0)))
-        rate = attitude.body_rate(angles[:, :, 0], angles[:, :, 1])
-        swung = np.cross(rate, self._lever)
-        vel = shift[:, :, 1] + np.matmul(C, swung[..., None])[..., 0]
-        return _Instants(angles, shift, C, rate, swung, vel)
+        angles = q[:, :3]
+        angles[:, 2] += q[:, 3]
+        angles[0, 1:] += self._parked[rows].T[..., None]
+        shift = np.stack([-car.UPPER_AXIS_M * q[:, 3], q[:, 5], q[:, 4]], axis=1)
+        heading, pitch, roll = angles[0]
+        # C_nb = C_n^c(phi)' of phi = (pitch, roll, -heading)
+        C, sine, cosine = attitude.misalignment_rows(np.stack([pitch, roll, -heading]))
+        rate = np.stack(attitude.body_rate_planes(sine[:2], cosine[:2], angles[1]))
+        swung = attitude.cross_planes(rate, self._lever)
+        return _Instants(angles, sine, cosine, shift, C, rate, swung, shift[1] + _turned_back(C, swung))
 
     def _rate_and_force(self, at: _Instants, rows: slice) -> Array:
-        """omega_ib^b and f^b, (2, rows, times, 3)."""
-        spin, carry = self._spin[rows, None], self._carry[rows]
-        rate_in = spin + np.matmul(at.vel, carry.mT)
-        force = at.shift[:, :, 2] + np.cross(2 * spin, at.vel) + self._gravity
-        out = np.matmul(np.stack([rate_in, force])[..., None, :], at.C)[..., 0, :]
-        out[0] += at.rate
-        out[1] += np.cross(_body_acceleration(at.angles), self._lever) + np.cross(at.rate, at.swung)
+        """omega_ib^b and f^b, (2, 3, rows, times)."""
+        spin, carry = (np.moveaxis(part[rows], 0, -1)[..., None] for part in (self._spin, self._carry))
+        force = at.shift[2] + attitude.cross_planes(2 * spin, at.vel)
+        force[2] += self._gravity
+        out = np.empty((2, *force.shape))
+        out[0] = at.rate + _turned(at.C, spin + _turned(carry, at.vel))
+        swinging = attitude.cross_planes(_body_acceleration(at), self._lever) + attitude.cross_planes(at.rate, at.swung)
+        np.add(_turned(at.C, force), swinging, out=out[1])
         return out
 
     def _states(self, t: Array) -> tuple[NavState, Array]:
         """True states (runs, len(t), ...) and omega_eb^b."""
         at = self._instants(t)
-        rest = attitude.to_dcm(attitude.from_euler(np.zeros(len(self._parked)), *self._parked.T)) @ self._lever
-        offset = at.shift[:, :, 0] + np.matmul(at.C, self._lever) - rest[:, None]
-        heading, pitch, roll = np.moveaxis(at.angles[:, :, 0], -1, 0)
-        vel, offset = np.matmul(at.vel, self._turn), np.matmul(offset, self._turn)
-        rate_en = np.matmul(at.vel, self._carry.mT)
-        rate_eb_b = at.rate + np.matmul(rate_en[..., None, :], at.C)[..., 0, :]
+        rest = attitude.to_dcm(attitude.from_euler(np.zeros(len(self._parked)), *self._parked.T)) @ self._lever[:, 0, 0]
+        offset = at.shift[0] + _turned_back(at.C, self._lever) - rest.T[..., None]
+        heading, pitch, roll = at.angles[0]
+        rate_eb_b = at.rate + _turned(at.C, _turned(np.moveaxis(self._carry, 0, -1)[..., None], at.vel))
+        vel, offset, rate_eb_b = (np.moveaxis(part, 0, -1) for part in (at.vel, offset, rate_eb_b))
+        vel, offset = np.matmul(vel, self._turn), np.matmul(offset, self._turn)
         q_nb = attitude.from_euler(self._heading[:, None] + heading, pitch, roll)
         return NavState(q_nb, vel, earth.displace(self._earth, self.site.pos, offset)), rate_eb_b
 
 
 class _Instants(NamedTuple):
-    """The motion in the axes of the mean heading; (rows, times, ...)."""
+    """The motion in the axes of the mean heading, components in front: (..., rows, times) are what NumPy is fast on."""
 
-    angles: Array  #: (..., 3, 3) heading about its mean, pitch, roll; and their rates and accelerations
-    shift: Array  #: (..., 3, 3) m, of the reference point, and its derivatives
-    C: Array  #: (..., 3, 3) body into these axes
-    rate: Array  #: (..., 3) omega_nb^b
-    swung: Array  #: (..., 3) omega_nb^b x lever arm
-    vel: Array  #: (..., 3) of the IMU
+    angles: Array  #: (3, 3, ...) heading about its mean, pitch, roll; and their rates and accelerations
+    sine: Array  #: (3, ...) of pitch, roll, minus heading
+    cosine: Array  #: (3, ...)
+    shift: Array  #: (3, 3, ...) m, of the reference point, and its derivatives
+    C: Array  #: (3, 3, ...) these axes into the body
+    rate: Array  #: (3, ...) omega_nb^b
+    swung: Array  #: (3, ...) omega_nb^b x lever arm
+    vel: Array  #: (3, ...) of the IMU
 
 
-def _body_acceleration(angles: Array) -> Array:
-    """The derivative of attitude.body_rate: (..., 3) of (..., 3, 3), angles with their rates and accelerations."""
-    value, rates, accelerations = (angles[..., i, :] for i in range(3))
-    dh, dp, dr = np.moveaxis(rates, -1, 0)
-    _, pitch, roll = np.moveaxis(value, -1, 0)
-    cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
-    out = attitude.body_rate(value, accelerations)
-    out[..., 0] += -dp * dr * sr + dh * (dr * cr * cp - dp * sr * sp)
-    out[..., 1] -= dh * dp * cp
-    out[..., 2] += dp * dr * cr + dh * (dr * sr * cp + dp * cr * sp)
+def _turned(C: Array, v: Array) -> Array:
+    """C v of (3, 3, ...) and (3, ...)."""
+    return np.add.reduce(C * v, axis=1)
+
+
+def _turned_back(C: Array, v: Array) -> Array:
+    """C' v."""
+    return np.add.reduce(C * v[:, None], axis=0)
+
+
+def _body_acceleration(at: _Instants) -> Array:
+    """The derivative of attitude.body_rate, (3, ...)."""
+    (sp, sr), (cp, cr) = at.sine[:2], at.cosine[:2]
+    dh, dp, dr = at.angles[1]
+    out = np.stack(attitude.body_rate_planes(at.sine[:2], at.cosine[:2], at.angles[2]))
+    out[0] += dh * (dr * cr * cp - dp * sr * sp) - dp * dr * sr
+    out[1] -= dh * dp * cp
+    out[2] += dh * (dr * sr * cp + dp * cr * sp) + dp * dr * cr
     return out

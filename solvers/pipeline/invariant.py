@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from sins_env import attitude, earth
 from sins_env.earth import Earth
 from sins_env.types import NavState
+from solvers.blocks.mixtures import spread, widen
 from solvers.blocks.moments import tangent
-from solvers.pipeline.strapdown import cross_planes
 from solvers.types import Function, Gaussian, Measurement, Transition
 
 Array = NDArray[np.float64]
@@ -120,7 +120,7 @@ class Through:
     def jacobian(self, xi: Array) -> Array:
         """(..., m, n) at xi (..., n)."""
         x = self.before.errors(xi)
-        y, J = tangent(self.g, x, np.full_like(x, SCALE))
+        y, J = tangent(self.before.spread(self.g), x, np.full_like(x, SCALE))
         J = J @ self.before.errors_slope(xi)
         return J if self.after is None else self.after.invariant_slope(y) @ J
 
@@ -130,6 +130,10 @@ class Chart:
 
     def __init__(self, held: Array) -> None:
         self._held, self._ndim = held, held.ndim - 1
+
+    def spread(self, g: Function) -> Function:
+        """``g`` for the points around the components of a mixture, too."""
+        return spread(g, self._ndim - 1)
 
     def errors(self, xi: Array) -> Array:
         """x (..., n) of xi (..., n)."""
@@ -196,6 +200,8 @@ class Chart:
 def _slope(g: Function, x: Array, at_zero: Array) -> Array:
     """The Jacobian (..., n, n) of g at x: ``at_zero`` in the runs where x is nothing."""
     away = np.abs(x).max(axis=-1) > NOTHING
+    if x.ndim == at_zero.ndim:  # components of a mixture
+        at_zero = widen(at_zero)
     if not away.any():
         return at_zero
     return np.where(away[..., None, None], tangent(g, x, np.full_like(x, SCALE))[1], at_zero)
@@ -203,8 +209,8 @@ def _slope(g: Function, x: Array, at_zero: Array) -> Array:
 
 def turned(theta: Array, y: Array, a: Array | float, b: Array) -> Array:
     """y + a theta x y + b theta x (theta x y), components in front."""
-    once = cross_planes(theta, y)
-    moved: Array = y + a * once + b * cross_planes(theta, once)
+    once = attitude.cross_planes(theta, y)
+    moved: Array = y + a * once + b * attitude.cross_planes(theta, once)
     return moved
 
 

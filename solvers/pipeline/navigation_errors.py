@@ -28,7 +28,7 @@ from sins_env.specs import Prior
 from sins_env.types import NavState
 from solvers.pipeline import feedback
 from solvers.pipeline.epoch_map import ACCEL_UNIT, GYRO_UNIT, EpochMap, ErrorModel, front, total, turn_euler
-from solvers.pipeline.strapdown import EpochMotion, cross_planes
+from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Transition
 
 Array = NDArray[np.float64]
@@ -79,8 +79,8 @@ class NavigationMap(EpochMap):
         r = self.rotation(C, self.turn - d_in, eps)
         turn_euler(phi, r, s, c, out=out[PHI])
         gain -= self.turned_force(C, r)
-        gain -= cross_planes(self._coriolis, v)
-        gain -= cross_planes(d_coriolis, true)
+        gain -= attitude.cross_planes(self._coriolis, v)
+        gain -= attitude.cross_planes(d_coriolis, true)
         np.add(dv, gain, out=out[VEL])
         if self._position:
             np.add(X[POS], self._h * (dv + 0.5 * gain), out=out[POS])

@@ -102,15 +102,15 @@ def interval_increments(dtheta: Array, dvel: Array, last: Array | None) -> tuple
     mixed = np.matmul(_COUPLING[samples], flat)
     theta, vel = total.reshape(2, 3, -1)
     # dtheta_i x kappa_ij dtheta_j and dtheta_i x kappa_ij dvel_j, summed over the samples
-    coning, sculling = np.add.reduce(cross_planes(flat[0][:, None], mixed.transpose(1, 0, 2, 3)), axis=2).transpose(
-        1, 0, 2
-    )
+    coning, sculling = np.add.reduce(
+        attitude.cross_planes(flat[0][:, None], mixed.transpose(1, 0, 2, 3)), axis=2
+    ).transpose(1, 0, 2)
     rotation = theta + 0.5 * coning
     theta2 = np.add.reduce(theta * theta, axis=0)
-    first = cross_planes(theta, vel)
+    first = attitude.cross_planes(theta, vel)
     a = 0.5 - theta2 * (1 / 24 - theta2 * (1 / 720 - theta2 / 40320))  # (1 - cos x) / x^2
     b = 1 / 6 - theta2 * (1 / 120 - theta2 * (1 / 5040 - theta2 / 362880))  # (1 - sin x / x) / x^2
-    dvel_b = vel + a * first + b * cross_planes(theta, first) + sculling
+    dvel_b = vel + a * first + b * attitude.cross_planes(theta, first) + sculling
     return rotation.T.reshape(*shape[:-2], 3), dvel_b.T.reshape(*shape[:-2], 3)
 
 
@@ -119,16 +119,6 @@ def carried_sample(dtheta: Array, dvel: Array) -> Array | None:
     if samples_per_interval(dtheta.shape[-2]) > 1:
         return None
     return np.concatenate([dtheta[..., -1, :], dvel[..., -1, :]], axis=-1)
-
-
-def cross_planes(a: Array, b: Array) -> Array:
-    """a x b along the first axis."""
-    first = a[1] * b[2] - a[2] * b[1]
-    out = np.empty((3, *first.shape))
-    out[0] = first
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-    return out
 
 
 def end_rate(dtheta: Array, epoch_s: float) -> Array:

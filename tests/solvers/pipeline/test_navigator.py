@@ -212,6 +212,16 @@ def test_the_bank_finds_the_heading_among_fifteen_states():
     assert estimator.diagnostics()["components"].min() > 8
 
 
+def test_a_bank_takes_invariant_coordinates():
+    """Uncut it is the invariant filter; else it finds the azimuth there too, where f keeps the angle below half a turn."""
+    one, bank = fly("gsf_ekf", 4, settings={"coordinates": "invariant", "spacing_deg": 360.0}, duration=3.0)
+    np.testing.assert_allclose(one, fly("inekf", 4, duration=3.0)[0], rtol=1e-9, atol=1e-12)
+    assert np.all(bank.health().failed_at == -1)
+    _, estimator = fly("gsf_ekf", 4, settings={"coordinates": "invariant"}, profile="hotstart60", duration=2.0)
+    np.testing.assert_array_equal(estimator.running._belief.axis, 2)
+    assert np.all(estimator.health().failed_at == -1)
+
+
 def test_a_fifth_degree_rule_on_fifteen_states_counts_its_fallbacks():
     """451 points, those on the axes of negative weight: where the covariance they give is indefinite, it is repaired."""
     assert len(points(solvers.filters.make_filter("ckf5").rule.rule, 15).xi) == 451
