@@ -1,7 +1,7 @@
 """The angle of a state that is least known, and its prior in slices narrow enough for a tangent each.
 
-The angle: the state in which f has the period 2 pi, f(x + 2 pi e) = f(x) + 2 pi e, but is not linear; of several
-the one of largest variance.
+The angle: the state in which f has the period 2 pi, f(x + 2 pi e) = f(x) + 2 pi k e (k = 1; 0 for a rotation vector, whose
+angle f keeps below half a turn), but is not linear; of several the one of largest variance.
 The slices: cells of equal width over +-3 sigma, or over the circle where that is shorter, with the weights of the
 Gaussian there (wound around the circle); each has the standard deviation of half a cell in the angle and the prior's
 regression of the other states on it, so mean and covariance of the prior are kept but where it fills the circle.
@@ -27,7 +27,10 @@ def least_known_angle(f: Function, x: Array, P: Array) -> NDArray[np.int64]:
     step = np.concatenate([np.zeros((1, n)), TURN * np.eye(n), np.eye(n)])  # a whole turn, and one radian
     y = f(x[..., None, :] + step) - step
     y0 = y[..., :1, :]
-    change = np.abs(y - y0).max(axis=-1)
+    change = y - y0
+    own = change[..., np.arange(1, n + 1), np.arange(n)]
+    change[..., np.arange(1, n + 1), np.arange(n)] = own - TURN * np.round(own / TURN)
+    change = np.abs(change).max(axis=-1)
     turned, moved = change[..., 1 : n + 1], change[..., n + 1 :]
     angle = (moved > 1e-9 * (1.0 + np.abs(y0).max(axis=-1))) & (turned < 1e-6 * moved)
     variance = np.where(angle, np.diagonal(P, axis1=-2, axis2=-1), 0.0)

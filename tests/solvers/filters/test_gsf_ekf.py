@@ -94,6 +94,13 @@ def test_the_angle_is_found_by_what_f_does():
     def two(x):
         return x + np.stack([np.sin(x[..., 1]), np.cos(x[..., 0]), 0.0 * x[..., 2]], axis=-1)
 
+    def principal(x):  # as of a rotation vector
+        y = turning(x)
+        y[..., 1] = attitude.wrap(y[..., 1])
+        return y
+
+    assert least_known_angle(principal, x, P) == 1
+
     both = np.stack([np.diag([1.0, 4.0, 9.0]), np.diag([4.0, 1.0, 9.0]), np.zeros((3, 3))])
     np.testing.assert_array_equal(least_known_angle(two, np.zeros((3, 3)), both), [1, 0, -1])
 
@@ -252,7 +259,7 @@ def test_a_reset_moves_every_slice(batch):
     start = flt.init(Gaussian(np.zeros((*batch, n)), np.eye(n)))
     b = Bank(np.full((*batch, G), 1.0 / G), mean, spd(rng, *batch, G, n), start.health, np.full(batch, 4))
     x_hat = flt.estimate(b).mean
-    g, jac = reset_maps(x_hat, slice(0, 2), phi)
+    g, jac = reset_maps(x_hat, phi, fed=slice(0, 2))
     after = flt.relocate(b, g, jac)
     C, C_hat = attitude.misalignment_dcm(mean[..., phi]), attitude.misalignment_dcm(x_hat[..., phi])
     left = attitude.misalignment_dcm(after.mean[..., phi])
