@@ -49,7 +49,8 @@ class FlightSettings(Timed):
     None leaves what the profile says. ``imu``, ``gps``: a preset's name, or a dict of fields over the profile's own (or
     over its ``preset``); an ``imu`` given has constant noise. ``attitude_std_deg`` (E, N, U), ``velocity_std_mps``,
     ``position_std_m``: 1 sigma of the told start. ``errors``: "drawn", or "fixed" for misalignment and biases of + 1 sigma
-    in every run. ``misalignment_deg``: three fixed values. ``start`` "unknown" needs a flight that stands still for
+    in every run. ``misalignment_deg``: three fixed values. With a told start ``Task.site`` is no more than the region, whose
+    place the start tells with its error. ``start`` "unknown" needs a flight that stands still for
     ``coarse`` s, by default for as long as it does.
 
     Raises:
@@ -138,6 +139,8 @@ class FlightSettings(Timed):
     def task(self) -> Task:
         """What the estimators are told; the start of an episode is filled in at its reset."""
         imu, gps, site = self.imu_true, self.gps_true, self.base.plan.site
+        if self.start == "told":
+            site = region(site)
         spread = self.attitude_std_deg if self.start == "told" else coarse_std_deg(imu, site, self.coarse_s)
         assert spread is not None
         assert self.velocity_std_mps is not None
@@ -159,6 +162,13 @@ class FlightSettings(Timed):
             prior=prior,
             navigate=True,
         )
+
+
+def region(site: Site) -> Site:
+    """The middle of the cell of 0.01 deg and 100 m: enough for the Earth's rate and gravity, and no told start without error."""
+    cell = 0.01 * DEG
+    place = (site.latitude, cell), (site.longitude, cell), (site.height, 100.0)
+    return Site(*(size * (math.floor(value / size + 1e-6) + 0.5) for value, size in place), site.earth)
 
 
 def coarse_std_deg(imu: ImuSpec, site: Site, coarse_s: float) -> tuple[float, ...]:

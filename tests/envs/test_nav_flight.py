@@ -104,6 +104,18 @@ def assert_drawn(values, sigma):
     assert_allclose(values.mean(axis=0) / sigma, 0.0, atol=4 / np.sqrt(n))
 
 
+@pytest.mark.parametrize("name", [*PROFILES, "own"])
+def test_the_site_of_a_told_start_is_a_region(name):
+    """Who takes it for the place of the start is off by more than the told start is; within 0.01 deg and 100 m."""
+    env = make(profile=OWN if name == "own" else name, reveal_truth=True)
+    _, info = env.reset(seed=0)
+    off = np.abs(earth.offset(WGS84, info["truth"]["pos"], env.task.site.pos))
+    assert np.all(off > [300.0, 500.0, 25.0])
+    assert np.all(off < [600.0, 600.0, 60.0])
+    unknown = make(profile="sun2012", start="unknown", coarse=1.0)
+    assert_array_equal(unknown.task.site.pos, PROFILES["sun2012"].plan.site.pos)
+
+
 @pytest.mark.parametrize("name", ["sun2012", "lu-gauss", "hotstart30"])
 def test_start_and_biases_are_drawn_from_the_told_prior(name):
     env, (phi, vel, pos) = start_errors({"profile": name})
