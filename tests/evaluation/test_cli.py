@@ -336,7 +336,6 @@ def test_bench_of_a_task_that_is_too_short(cli, short, monkeypatch):
         (("run", "sway-white-v0", GOOD, "--plot", "a.xyz"), "allowed: a file that ends in"),
         (("run", "sway-white-v0", GOOD, "--plot", "no/a.png"), "the directory does not exist"),
         (("run", "sway-white-v0", GOOD, "--set", "gain"), "allowed: NAME=VALUE"),
-        (("run", "rlg-car-v0", GOOD, "--run", "7"), "allowed: up to 7"),
         (("eval", "--task", "sway-white-v0"), "--solver"),
         (("eval", "--task", "sway-white-v0", "--solver", GOOD, "--runs", "0"), "at least 1"),
         (("eval", "--task", "sway-white-v0", "--solver", GOOD, "--executor", "daks"), "did you mean 'dask'?"),
@@ -354,6 +353,16 @@ def test_bench_of_a_task_that_is_too_short(cli, short, monkeypatch):
     ],
 )
 def test_wrong_use(cli, tmp_path, arguments, part):
+    refused(cli, tmp_path, arguments, part)
+
+
+@pytest.mark.parametrize("recorded", ["rlg_parked_car.npz"], indirect=True)
+def test_wrong_use_of_a_recording(cli, tmp_path, recorded):
+    refused(cli, tmp_path, ("run", "rlg-car-v0", GOOD, "--run", "7"), "allowed: up to 7")
+
+
+def refused(cli, tmp_path, arguments, part):
+    """One line that says why, and nothing else."""
     code, out, err = cli(*arguments)
     assert (code, out) == (2, "")
     assert len(err) == 1
