@@ -166,9 +166,12 @@ class FlightSettings(Timed):
 
 def region(site: Site) -> Site:
     """The middle of the cell of 0.01 deg and 100 m: enough for the Earth's rate and gravity, and no told start without error."""
+
+    def middle(value: float, size: float) -> float:
+        return size * (math.floor(value / size + 1e-6) + 0.5)  # a border's last bit decides nothing
+
     cell = 0.01 * DEG
-    place = (site.latitude, cell), (site.longitude, cell), (site.height, 100.0)
-    return Site(*(size * (math.floor(value / size + 1e-6) + 0.5) for value, size in place), site.earth)
+    return Site(middle(site.latitude, cell), middle(site.longitude, cell), middle(site.height, 100.0), site.earth)
 
 
 def coarse_std_deg(imu: ImuSpec, site: Site, coarse_s: float) -> tuple[float, ...]:
