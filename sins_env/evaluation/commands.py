@@ -17,6 +17,7 @@ from rich.text import Text
 from sins_env.evaluation import bench as speed
 from sins_env.evaluation import monte_carlo, plots, registry, terminal, track, words
 from sins_env.evaluation.check import Check, check_estimator
+from sins_env.evaluation.criteria import Criteria
 from sins_env.evaluation.episode import Course, run_episode
 from sins_env.evaluation.executors import Processes, check_executor
 from sins_env.evaluation.filling import Evaluation, fill
@@ -66,7 +67,8 @@ def _run_table(given: Namespace, task: EvaluationTask, course: Course) -> Table:
     table = titled(title)
     table.add_column("error")
     scored = records.criteria.scored
-    for name in ("at the end", "RMS, steady", "threshold", "within it from"):
+    navigates = records.criteria.navigates
+    for name in ("at the end", "RMS" if navigates else "RMS, steady", "threshold", "within it from"):
         table.add_column(name, justify="right")
     rows = (
         ("azimuth", 2, DEG, "°"),
@@ -82,17 +84,23 @@ def _run_table(given: Namespace, task: EvaluationTask, course: Course) -> Table:
             f"{records.criteria.delta[j] / unit:g}{sign}",
             "-" if not scored else f"{time:.1f} s" if np.isfinite(time) else Text("not aligned", style="red"),
         )
-    if records.criteria.navigates:
+    if navigates:
         _add_navigation(table, records)
         if scored:
             track.add_rows(table, track.of_run(task, given.run, course))
     coarse = f" after {records.criteria.coarse_s:g} s of coarse alignment" if records.criteria.coarse_s else ""
     verdict = records.reason[0] or str(records.status[0])
-    times = f"times from the start of the fine phase{coarse}"
+    times = f"times from the start of the fine phase{coarse}{_spans(records.criteria) if navigates else ''}"
     heading = f"no reference to score against; heading at the end {np.degrees(records.heading[0]) % 360:.3f}°"
     table.caption = f"{verdict}; {times if scored else heading}"
     table.caption_justify = "left"
     return table
+
+
+def _spans(criteria: Criteria) -> str:
+    """What the RMS of a navigation task are over."""
+    steady = (criteria.num_epochs - criteria.steady_from + 1) * criteria.epoch_s
+    return f"; RMS: of angles in the last {steady:g} s, of the others from {(criteria.span_from - 1) * criteria.epoch_s:g} s on"
 
 
 def _add_navigation(table: Table, records: Records) -> None:

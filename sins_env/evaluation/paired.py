@@ -41,6 +41,7 @@ class Comparison:
     ratio: Estimate  #: RMS of a over that of b: of the azimuth in the steady state, or of what was asked for
     ratio_at_end: Estimate  #: the same at T
     success: Estimate  #: of a minus that of b
+    failures: Estimate  #: share of failed runs of a minus that of b
     better: Estimate  #: probability that a has the smaller error over time in a run; ties count half
     median_s: Estimate  #: median time to alignment of a minus that of b, s; NaN where both are censored
     score: str = "azimuth"
@@ -59,6 +60,7 @@ class Comparison:
             f"  {f'{self.score} RMS, ratio':<26} {_text(self.ratio, '.3f')}",
             f"  the same at the end        {_text(self.ratio_at_end, '.3f')}",
             f"  success, difference        {_text(self.success, '+.1%')}",
+            f"  failed runs, difference    {_text(self.failures, '+.1%')}",
             f"  smaller error in a run     {_text(self.better, '.1%')}",
             f"  median time, difference    {_text(self.median_s, '+.1f')} s",
         )
@@ -105,6 +107,7 @@ def compare(a: Results, b: Results, score: str | None = None) -> Comparison:
         ratio=ratio_of_rms(*pair),
         ratio_at_end=ratio_of_rms(at_end[mine], its_end[its]),
         success=difference_of_rates(*(np.isfinite(one) for one in times)),
+        failures=difference_of_rates(x.failed[mine], y.failed[its]),
         better=probability_of_less(*pair),
         median_s=difference_of_medians(*times),
         score=score,

@@ -91,22 +91,23 @@ def error_figure(results: Sequence[Results]) -> Figure:
 
 
 class _Curve(NamedTuple):
-    """RMS over runs of some components together (of their mean square)."""
+    """RMS over runs of the length of some components, or of a component of them."""
 
     title: str
     parts: list[int]  #: of COMPONENTS
     unit: float
     unit_name: str
+    of_component: bool = False
 
 
 _ALIGNMENT = (
     _Curve("azimuth error, RMS over runs", [2], DEG, "deg"),
-    _Curve("level error, RMS over runs", [0, 1], ARCSEC, "arcsec"),
+    _Curve("level error, RMS over runs of a component", [0, 1], ARCSEC, "arcsec", of_component=True),
 )
 _NAVIGATION = (
     _ALIGNMENT[0],
-    _Curve("position error, RMS over runs of a component", [6, 7, 8], 1.0, "m"),
-    _Curve("velocity error, RMS over runs of a component", [3, 4, 5], 1.0, "m/s"),
+    _Curve("position error, RMS over runs", [6, 7, 8], 1.0, "m"),
+    _Curve("velocity error, RMS over runs", [3, 4, 5], 1.0, "m/s"),
 )
 
 
@@ -114,11 +115,11 @@ def _over_time(axes: Axes, curve: _Curve, lines: Sequence[Results], colours: Map
     task, criteria = lines[0].task, lines[0].records.criteria
     for one in lines:
         if one.summary.scored:
-            history = one.records.history[:, :, curve.parts]
-            _band(axes, criteria.history_t, history, curve.unit, one.label, colours[one.label])
+            size = size_of(one.records.history[:, :, curve.parts], curve.of_component)
+            _band(axes, criteria.history_t, size, curve.unit, one.label, colours[one.label])
     bound = next((one.bound for one in lines if one.bound), None)
     if bound and max(curve.parts) < bound.sigma.shape[1]:
-        sigma = np.sqrt(np.square(bound.sigma[:, curve.parts]).mean(axis=1)) / curve.unit
+        sigma = size_of(bound.sigma[:, curve.parts], curve.of_component) / curve.unit
         axes.plot(bound.t, sigma, **_bound_style(bound))
     _axes(axes, curve.title, xlabel="time, s", ylabel=curve.unit_name, yscale="log")
     axes.set_xlim(0, criteria.duration_s)
@@ -160,16 +161,21 @@ def few_labels(axis: Any) -> Callable[[float, Any], str]:
     return label
 
 
-def error_curve(history: Array, unit: float, resamples: int = 400) -> tuple[Array, Array, Array]:
-    """RMS over runs and components with its band, in ``unit``: (R, S, parts) -> three of (S,); never zero, for log axes."""
-    length = np.sqrt(np.square(history, dtype=float).mean(axis=2)).astype(np.float32)
-    value, low, high = (np.maximum(curve / unit, 1e-12) for curve in rms_band(length, resamples))
+def size_of(parts: Array, of_component: bool) -> Array:
+    """Length of errors or sigmas (..., parts), or the root of their mean square: (...)."""
+    squares = np.square(parts, dtype=float)
+    return np.sqrt(squares.mean(axis=-1) if of_component else squares.sum(axis=-1))
+
+
+def error_curve(size: Array, unit: float, resamples: int = 400) -> tuple[Array, Array, Array]:
+    """RMS over runs with its band, in ``unit``: (R, S) -> three of (S,); never zero, for log axes."""
+    value, low, high = (np.maximum(curve / unit, 1e-12) for curve in rms_band(size.astype(np.float32), resamples))
     return value, low, high
 
 
-def _band(axes: Axes, t: Any, history: Array, unit: float, label: str, i: int) -> None:
-    value, low, high = error_curve(history, unit)
-    if len(history) > 1:
+def _band(axes: Axes, t: Any, size: Array, unit: float, label: str, i: int) -> None:
+    value, low, high = error_curve(size, unit)
+    if len(size) > 1:
         axes.fill_between(t, low, high, color=style(i)["color"], alpha=0.15, linewidth=0)
     axes.plot(t, value, label=label, **style(i))
 

@@ -62,12 +62,7 @@ def merit(one: Results) -> tuple[float, ...]:
 
 
 def failure_rate(one: Results) -> float:
-    return float(_failed(one).mean())
-
-
-def _failed(one: Results) -> NDArray[np.bool_]:
-    failed: NDArray[np.bool_] = one.records.status != "ok"
-    return failed
+    return float(one.records.failed.mean())
 
 
 def _counted(one: Results) -> Array:
@@ -91,5 +86,5 @@ class _Rates:
         if not np.intersect1d(a.records.run, b.records.run).size:
             return False
         mine, its = common(a.records, b.records)
-        _, (low, high) = difference_of_rates(_failed(a)[mine], _failed(b)[its])
+        _, (low, high) = difference_of_rates(a.records.failed[mine], b.records.failed[its])
         return apart(len(mine), (1 + low, 1 + high))

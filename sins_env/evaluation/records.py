@@ -54,6 +54,11 @@ class Records:
         return self.t_conv.max(axis=1)
 
     @property
+    def failed(self) -> Bools:
+        """(R,) runs that did not come to a good end: they diverged, froze, raised or were lost."""
+        return np.asarray(self.status != "ok", dtype=bool)
+
+    @property
     def unfinished(self) -> Bools:
         """(R,) runs that raised or were lost."""
         return np.isin(self.status, ("raised", "lost"))

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 from sins_env.evaluation import ranking, words
 from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.report_figures import DASHES, Drawing, Look, Task, drawings
+from sins_env.evaluation.report_figures import drawings
+from sins_env.evaluation.report_panel import DASHES, Drawing, Look, Task
 from sins_env.evaluation.report_tables import Cell, Failure, Row, failures_of, heads_of, rows_of, with_unit
 from sins_env.evaluation.store import Key, Session, Store
 from sins_env.evaluation.svg import LOOKS
@@ -47,6 +48,7 @@ class Section(NamedTuple):
     most: int
     leaders: list[str]
     best: Cell
+    best_of: str  #: what error it is; empty where the heading of its column says it
     digest: str | None  #: of the task's world
     sessions: list[tuple[str, Session]]  #: with the code
     task_navigates: bool
@@ -156,6 +158,7 @@ def _section(
         most=max(runs),
         leaders=[one.label for rank, one in lines if rank == 1] if first.scored else [],
         best=Cell(with_unit(value, main.unit), interval) if first.scored else Cell("-", "not scored: no reference"),
+        best_of=main.name if first.navigation is not None else "",
         digest=digest,
         sessions=sessions,
         task_navigates=first.navigation is not None,

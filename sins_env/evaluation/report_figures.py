@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,65 +11,16 @@ from numpy.typing import NDArray
 from sins_env.evaluation.bounds import Bound
 from sins_env.evaluation.metrics import success_profile
 from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.plots import STYLES, error_curve, few_labels
+from sins_env.evaluation.plots import error_curve, size_of
 from sins_env.evaluation.quantities import QUANTITIES
-from sins_env.evaluation.svg import LOOKS, PAGE, inline
+from sins_env.evaluation.report_panel import Drawing, Panel, Task
+from sins_env.evaluation.svg import PAGE
 from sins_env.evaluation.words import about, angle, number, success_text
 from sins_env.specs import ARCSEC, DEG
 
-if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 Array = NDArray[np.float64]
 
-WIDTH, HEIGHT, FONT = 400, 290, 12.0  #: pixels, about as wide as a phone
 SAMPLES = 140  #: of a curve over time
-MARKERS = "osD^vPX*"
-DASHES = ("", "9 3", "2 2.4", "11 2.6 2 2.6")  #: as STYLES, for the legend of the page
-
-
-class Look(NamedTuple):
-    """Of a solver that is told apart; the others are grey."""
-
-    number: int
-
-    @property
-    def name(self) -> str:
-        """The page's variable."""
-        return f"look-{self.number % LOOKS}"
-
-    @property
-    def dash(self) -> int:
-        return (self.number + self.number // LOOKS) % len(STYLES)
-
-    @property
-    def marker(self) -> str:
-        return MARKERS[self.number % LOOKS]
-
-
-class Drawing(NamedTuple):
-    title: str
-    caption: str
-    svg: str
-
-
-@dataclass(frozen=True)
-class Task:
-    """What the figures of a task show: its solvers, the best first."""
-
-    lines: Sequence[Results]
-    looks: Mapping[str, Look]  #: by label
-    prefix: str  #: of identifiers
-
-    @property
-    def bound(self) -> Bound | None:
-        return next((one.bound for one in self.lines if one.bound), None)
-
-    @property
-    def back_to_front(self) -> list[Results]:
-        """The grey ones first, the best last."""
-        return sorted(reversed(self.lines), key=lambda one: one.label in self.looks)
 
 
 def drawings(task: Task) -> list[Drawing]:
@@ -81,51 +31,6 @@ def drawings(task: Task) -> list[Drawing]:
     curves = CURVES if task.lines[0].summary.navigation is not None else CURVES[:2]
     over_time = [_over_time(task, curve) for curve in curves]
     return [*over_time, _aligned(task), _profile(task, azimuth=True), _profile(task, azimuth=False), *costs]
-
-
-class _Panel:
-    """One figure with one pair of axes."""
-
-    def __init__(self, task: Task, name: str) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        self.task, self.prefix = task, f"{task.prefix}-{name}"
-        self.figure: Figure = Figure(figsize=(WIDTH / 72, HEIGHT / 72), dpi=72, layout="constrained")
-        FigureCanvasAgg(self.figure)
-        self.axes: Axes = self.figure.add_subplot()
-        self.names: dict[str, str] = {}
-
-    def style(self, one: Results, told: str = "") -> dict[str, Any]:
-        """Of a solver's line, with its tooltip."""
-        gid = f"named-{len(self.names)}"
-        self.names[gid] = f"{one.label}{told and ': '}{told}"
-        look = self.task.looks.get(one.label)
-        if look is None:
-            return {"gid": gid, "color": PAGE["other"], "linewidth": 0.9, "zorder": 1.5}
-        return {"gid": gid, "color": PAGE[look.name], "linestyle": STYLES[look.dash], "linewidth": 1.8, "zorder": 2.5}
-
-    def told(self, one: Results) -> bool:
-        return one.label in self.task.looks
-
-    def svg(self, title: str, description: str, **settings: Any) -> str:
-        """Axes in the page's colours, then the figure."""
-        from matplotlib.ticker import FuncFormatter
-
-        axes, ink, grid = self.axes, PAGE["ink"], PAGE["grid"]
-        axes.set(**settings)
-        axes.grid(color=grid, linewidth=0.8)
-        axes.spines[["top", "right"]].set_visible(False)
-        for side in ("left", "bottom"):
-            axes.spines[side].set(color=grid, linewidth=1.2)
-        axes.tick_params(which="both", color=grid, labelcolor=ink, labelsize=FONT)
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.label.set(color=ink, size=FONT)
-            if axis.get_scale() == "log":
-                axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-                axis.set_minor_formatter(FuncFormatter(few_labels(axis)))
-                axis.set_tick_params(which="minor", labelsize=FONT)
-        return inline(self.figure, self.prefix, title, description, self.names)
 
 
 def _best(task: Task, say: Any) -> str:
@@ -141,23 +46,26 @@ def _shown(one: Results, axis: str = "U") -> str:
 
 def _over_time(task: Task, curve: Curve) -> Drawing:
     parts, unit, name = list(curve.parts), curve.unit, curve.name
-    panel, criteria = _Panel(task, f"t-{curve.quantity}"), task.lines[0].records.criteria
+    of_component = len(parts) > 1 and task.lines[0].summary.navigation is None  # as the columns of the table
+    panel, criteria = Panel(task, f"t-{curve.quantity}"), task.lines[0].records.criteria
     axes, all_t = panel.axes, np.asarray(criteria.history_t, dtype=float)
     picked = np.unique(np.linspace(0, len(all_t) - 1, SAMPLES).round().astype(int))
     t, least = all_t[picked], np.inf
     for one in task.back_to_front:
         told = panel.told(one)
-        value, low, high = error_curve(one.records.history[:, picked][..., parts], unit, 400 if told else 1)
+        size = size_of(one.records.history[:, picked][..., parts], of_component)
+        value, low, high = error_curve(size, unit, 400 if told else 1)
         style = panel.style(one)
         if told and len(one.records) > 1:
             axes.fill_between(t, low, high, color=style["color"], alpha=0.16, linewidth=0, zorder=2)
         axes.plot(t, value, **style)
         least = min(least, float(np.nanmin(value, initial=np.inf)))
-    delta = float(criteria.delta[parts[0]]) / unit if parts[0] < 3 else None
+    axial = parts[0] < 3 and (of_component or len(parts) == 1)  # a threshold is of a component
+    delta = float(criteria.delta[parts[0]]) / unit if axial else None
     if delta is not None:
         axes.axhline(delta, color=PAGE["ink"], linestyle=(0, (1, 2)), linewidth=1.2)
     if task.bound and max(parts) < task.bound.sigma.shape[1]:
-        sigma = np.sqrt(np.square(task.bound.sigma[:, parts]).mean(axis=1)) / unit
+        sigma = size_of(task.bound.sigma[:, parts], of_component) / unit
         axes.plot(task.bound.t, sigma, **_bound_style(task.bound))
         least = min(least, float(sigma.min()))
     if criteria.coarse_s:
@@ -166,7 +74,7 @@ def _over_time(task: Task, curve: Curve) -> Drawing:
     if np.isfinite(least):
         axes.set_ylim(bottom=max(0.8 * least, 1e-4 * (delta or 0.0)))
     what = f"RMS of the {name} error over runs against time. {curve.said(task)}."
-    caption = "RMS over runs with 95 % bands" + ("" if len(parts) == 1 else ", of a component")
+    caption = "RMS over runs with 95 % bands" + (", of a component" if of_component else "")
     if any(one.records.unfinished.any() for one in task.lines):
         caption += "; runs that raised or were lost end there"
     if criteria.coarse_s:
@@ -178,7 +86,7 @@ def _over_time(task: Task, curve: Curve) -> Drawing:
 
 
 class Curve(NamedTuple):
-    """An error against time: the RMS of a component."""
+    """An error against time."""
 
     quantity: str  #: of QUANTITIES
     name: str
@@ -226,7 +134,7 @@ def _bound_style(bound: Bound) -> dict[str, Any]:
 
 def _aligned(task: Task) -> Drawing:
     """How many runs have aligned by a time: those that never do keep the curve below 100 %."""
-    panel, criteria = _Panel(task, "al"), task.lines[0].records.criteria
+    panel, criteria = Panel(task, "al"), task.lines[0].records.criteria
     end = criteria.duration_s - criteria.coarse_s
     for one in task.back_to_front:
         times = np.sort(one.records.aligned_s)
@@ -253,7 +161,7 @@ def _aligned(task: Task) -> Drawing:
 
 def _profile(task: Task, azimuth: bool) -> Drawing:
     name, unit, unit_name = ("azimuth", DEG, "deg") if azimuth else ("level", ARCSEC, "arcsec")
-    panel, criteria = _Panel(task, "pa" if azimuth else "pl"), task.lines[0].records.criteria
+    panel, criteria = Panel(task, "pa" if azimuth else "pl"), task.lines[0].records.criteria
     delta = float(criteria.delta[2 if azimuth else 0]) / unit
     for one in task.back_to_front:
         deltas, success = success_profile(one.records)[slice(0, 2) if azimuth else slice(2, 4)]
@@ -285,7 +193,7 @@ def _profile(task: Task, azimuth: bool) -> Drawing:
 
 def _cost(task: Task) -> Drawing:
     """Error against cost, and the front that no solver is below and left of."""
-    panel, scored = _Panel(task, "co"), task.lines[0].summary.scored
+    panel, scored = Panel(task, "co"), task.lines[0].summary.scored
     relative = all(one.cost.ratio is not None for one in task.lines if one.cost)
     points = []
     for one in task.back_to_front:

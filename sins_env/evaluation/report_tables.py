@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from sins_env.evaluation import words
 from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.report_figures import Look, Task
+from sins_env.evaluation.report_panel import Look, Task
 from sins_env.evaluation.resampling import Interval
 from sins_env.specs import ARCSEC
 
@@ -64,11 +64,12 @@ def heads_of(group: Sequence[Results]) -> list[tuple[str, str]]:
     """Columns right of the solver: heading and unit."""
     first, *others = [(column.name, _UNITS.get(column.unit, column.unit)) for column in _columns(group[0])]
     heads = [first, ("runs aligned", "")]
-    heads += [("median time", "s")] if group[0].summary.navigation is None else []
+    navigates = group[0].summary.navigation is not None
+    heads += [("failed", "runs")] if navigates else [("median time", "s")]  # its many errors would hide what failed
     heads += others
     heads += [(words.bound_heading(group[0]), words.bound_of(group[0]))] if any(one.bound for one in group) else []
     heads += [(_nees_heading(group[0]), "")] if any(words.nees_of(one.summary)[0] for one in group) else []
-    heads += [("failed", "runs"), ("cost / ckf", "")]
+    heads += [*(() if navigates else [("failed", "runs")]), ("cost / ckf", "")]
     return heads + ([("heading spread", "°")] if words.has_spread(group[0].task) else [])
 
 
@@ -133,7 +134,8 @@ def _limit(one: Results, task: Task) -> float | None:
         return None
     if one.summary.navigation is None:
         return float(task.bound.steady[2]) / ARCSEC
-    return one.bound_means.get(words.about(one.task))
+    found = one.bound_means.get(words.about(one.task), math.nan)
+    return found if math.isfinite(found) else None
 
 
 def _whiskers(group: Sequence[Results], task: Task) -> Callable[[Results], Whisker | None]:

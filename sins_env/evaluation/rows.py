@@ -197,10 +197,9 @@ def to_records(
     columns = dict(zip(names, numbers.T, strict=True))
     unknown = np.full(len(numbers), np.nan)
     run = columns["run"].astype(np.int64)
-    told = [odd.get(one, ("ok", "", "", 0, 0)) for one in run.tolist()]
-    counts: dict[str, Any] = {
-        name: np.array([one[3 + i] for one in told], dtype=np.int64) for i, name in enumerate(_COUNTS)
-    }
+    usual = ("ok", "", "", 0, 0)
+    told = [odd.get(one, usual) for one in run.tolist()] if odd else [usual] * len(run)
+    status, reason, traceback, repairs, fallbacks = zip(*told, strict=True) if told else ((),) * 5
     if blobs is None:
         history = np.empty((len(numbers), 0, criteria.components), dtype=np.float32)
     else:
@@ -215,15 +214,16 @@ def to_records(
     return Records(
         criteria=criteria,
         run=run,
-        status=np.array([one[0] for one in told]),
-        reason=tuple(one[1] for one in told),
-        traceback=tuple(one[2] for one in told),
+        status=np.array(status, dtype=np.str_),
+        reason=reason,
+        traceback=traceback,
+        repairs=np.array(repairs, dtype=np.int64),
+        fallbacks=np.array(fallbacks, dtype=np.int64),
         nees=_stack(columns, _NEES_COLUMNS, unknown),
         history=history,
         span_rms=spans[:, :width],
         span_final=spans[:, width : 2 * width],
         nees_all=spans[:, 2 * width :] if width else np.full((len(numbers), len(NEES_AT)), np.nan),
-        **counts,
         **scores,
     )
 

@@ -92,7 +92,7 @@ def compare(given: Namespace, console: Console) -> int:
         if not pairs:
             raise ValueError(f"{given.solver} and {given.reference} on {given.task}: no suite in common in {given.db}")
         for a, b in pairs:
-            print(paired.compare(store.results(a, whole=False), store.results(b, whole=False), given.score))
+            print(paired.compare(store.results(a), store.results(b), given.score))
     return 0
 
 

@@ -16,7 +16,7 @@ from rich.text import Text
 from sins_env.evaluation.board import by_task
 from sins_env.evaluation.metrics import Summary
 from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.ranking import ranked
+from sins_env.evaluation.ranking import by_failures, ranked
 from sins_env.evaluation.words import (
     Column,
     bound_heading,
@@ -48,8 +48,14 @@ MOST_NAME, MOST_SETTING = 60, 24  #: characters of a line below "solver", and of
 #: What a narrow terminal does without, in this order, until the table fits.
 _LESS = ("intervals of east and north", "cost", "east and north", "NEES", "bound", "median time", "failures")
 _LESS_NAVIGATION = (
-    "intervals of the other errors", "cost", "vertical errors", "NEES", "bound", "failures", "the other errors",
+    "intervals of the other errors", "cost", "vertical errors", "NEES", "bound", "level", "velocity", "failures",
+    "the other errors",
 )  # fmt: skip
+#: Of columns by name; "the other errors" where they are not here.
+_PARTS = {
+    "level": "level", "position, vertical": "vertical errors", "velocity, vertical": "vertical errors",
+    "velocity, horizontal": "velocity",
+}  # fmt: skip
 
 
 def print_tables(results: Sequence[Results], console: Console) -> None:
@@ -79,7 +85,10 @@ def table(results: Sequence[Results], width: int = 100) -> RenderableType:
 
 
 def _order(results: Sequence[Results]) -> tuple[str, ...]:
-    return _LESS if results[0].summary.navigation is None else _LESS_NAVIGATION
+    if results[0].summary.navigation is None:
+        return _LESS
+    ranks = by_failures(results[0].task)
+    return tuple(part for part in _LESS_NAVIGATION if not (ranks and part == "failures"))
 
 
 def _absent(results: Sequence[Results]) -> set[str]:
@@ -107,8 +116,8 @@ def _columns(results: Sequence[Results], less: Sequence[str]) -> list[_Column]:
             value, ci = column.cell(one)
             return _stacked(value, ci if shown else "")
 
-        part = "vertical errors" if column.name.endswith("vertical") else others
-        return _Column(_heading(column), cell, "" if column.main else part)
+        stays = column.main or column.ranks
+        return _Column(_heading(column), cell, "" if stays else _PARTS.get(column.name, others))
 
     def time(_: int, one: Results) -> Text:
         return _stacked(seconds(one.summary.t_conv_median_s), seconds_interval(one.summary.t_conv_ci_s))
@@ -127,7 +136,7 @@ def _columns(results: Sequence[Results], less: Sequence[str]) -> list[_Column]:
     return [column for column in out if column.part not in absent]
 
 
-_SHORT = {"horizontal": "hor.", "vertical": "vert."}
+_SHORT = {"horizontal": "hor.", "vertical": "vert.", "heading at the end": "heading"}
 
 
 def _heading(column: Column) -> str:

@@ -13,16 +13,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sins_env.evaluation import monte_carlo, registry
-from sins_env.evaluation.criteria import AXES, COMPONENTS, NEES_AT
+from sins_env.evaluation.criteria import AXES, COMPONENTS, DIVERGED_SIGMAS, NEES_AT, Criteria
 from sins_env.evaluation.executors import Runner
 from sins_env.evaluation.records import Records
 from sins_env.evaluation.rows import Key, binding, definition_text
 from sins_env.evaluation.store import Store
 from sins_env.evaluation.tasks import TASKS, digest, suite_hash
 
-TOLERANCE = 1e-9  #: relative
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-9  #: relative; of a navigation task, where batches round otherwise, to the spread of the start at least
+NEES_SIZE = 1e4  #: there it is an error so rounded over a standard deviation that is so many times smaller
 _ERRORS = ("hold_max", "steady_mean", "steady_std", "steady_rms", "final")
 
 
@@ -120,33 +124,41 @@ def compare_runs(stored: Records, now: Records) -> list[str]:
     for i, run in enumerate(stored.run):
         if run != now.run[i]:
             raise ValueError(f"run {now.run[i]}; allowed: the same runs in the same order")
-        text = _difference(stored.row(i), now.row(i))
+        text = _difference(stored.row(i), now.row(i), stored.criteria)
         if text:
             out.append(f"run {run}: {text}")
     return out
 
 
-def _difference(stored: dict[str, Any], now: dict[str, Any]) -> str:
+def _difference(stored: dict[str, Any], now: dict[str, Any], criteria: Criteria) -> str:
     for name in ("status", "repairs", "fallbacks"):
         if stored[name] != now[name]:
             return f"{name} {stored[name]} stored, {now[name]} now"
-    size = np.nan_to_num(stored["steady_rms"])  # of errors that nearly cancel, as a mean may
+    start = _start(criteria)
+    size = np.maximum(np.nan_to_num(stored["steady_rms"]), start[:3])  # of errors that nearly cancel, as a mean may
     for name in _ERRORS:
         for j, axis in enumerate(AXES):
             text = _unequal(f"{name} {axis}", stored[name][j], now[name][j], size[j])
             if text:
                 return f"{text} rad"
     for name in ("span_rms", "span_final"):
-        for component, before, after in zip(COMPONENTS, stored[name], now[name], strict=False):
-            if text := _unequal(f"{name} {component}", before, after, 1e-3):
+        for component, before, after, least in zip(COMPONENTS, stored[name], now[name], start, strict=False):
+            if text := _unequal(f"{name} {component}", before, after, least):
                 return text
-    others = [(f"t_conv {axis}", stored["t_conv"][j], now["t_conv"][j]) for j, axis in enumerate(AXES)]
-    others += [("heading", stored["heading"], now["heading"])]
-    others += [(f"nees at {part:.0%}", stored["nees"][j], now["nees"][j]) for j, part in enumerate(NEES_AT)]
-    others += [
-        (f"nees of all at {part:.0%}", stored["nees_all"][j], now["nees_all"][j]) for j, part in enumerate(NEES_AT)
-    ]
+    others = [(f"t_conv {axis}", stored["t_conv"][j], now["t_conv"][j], 0.0) for j, axis in enumerate(AXES)]
+    others += [("heading", stored["heading"], now["heading"], start[2])]
+    for name, what in (("nees", "nees at"), ("nees_all", "nees of all at")):
+        values = zip(NEES_AT, stored[name], now[name], strict=True)
+        others += [(f"{what} {part:.0%}", x, y, NEES_SIZE * x * criteria.navigates) for part, x, y in values]
     return next(filter(None, (_unequal(*other) for other in others)), "")
+
+
+def _start(criteria: Criteria) -> Array:
+    """Standard deviations of COMPONENTS at the start of a navigation task, from where its errors come down; 0 in alignment."""
+    if not criteria.navigates:
+        return np.zeros(len(COMPONENTS))
+    sigma = criteria.limit / DIVERGED_SIGMAS
+    return np.concatenate([sigma, sigma[2:3], np.full(2, sigma[:2].max())])
 
 
 def _unequal(name: str, stored: float, now: float, size: float = 0.0) -> str:

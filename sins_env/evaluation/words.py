@@ -53,6 +53,7 @@ class Column(NamedTuple):
     unit: str
     cell: Callable[[Results], tuple[str, str]]
     main: bool = False  #: what the task is about
+    ranks: bool = False  #: orders the solvers besides: shown wherever there is room for anything
 
 
 def error_columns(one: Results) -> list[Column]:
@@ -62,7 +63,7 @@ def error_columns(one: Results) -> list[Column]:
     names = ("azimuth", "level", "position_h", "position_v", "velocity_h", "velocity_v")
     columns = [_averaged(name, name == about(one.task)) for name in names]
     if by_failures(one.task):
-        columns.insert(0, Column("median heading at the end", "deg", _median))
+        columns.insert(0, Column("median heading at the end", "deg", _median, ranks=True))
     return columns
 
 
@@ -142,7 +143,7 @@ def cost_text(one: Results) -> str:
 
 def has_spread(task: EvaluationTask) -> bool:
     """Whether runs of the task have headings in common."""
-    return bool(task.windows or task.records)
+    return task.windows > 1 or task.records > 1
 
 
 def spread_of(one: Results) -> tuple[float, int]:
@@ -170,11 +171,11 @@ def footer(results: Sequence[Results]) -> str:
     if not s.scored:
         lines = ["The recording has no reference: errors are not scored and nothing is ranked."]
         return "\n".join(lines + _spread_note(results))
-    lines = [
-        f"aligned: {task.thresholds} until the end, for {task.hold_s:g} s or more; time from the start of "
-        "fine alignment" + (f" (switch-on: + {s.coarse_s:g} s)." if s.coarse_s else "."),
-        *_meaning(task, s),
-    ]
+    aligned = f"aligned: {task.thresholds} until the end, for {task.hold_s:g} s or more"
+    if s.navigation is None:
+        aligned += "; time from the start of fine alignment"
+        aligned += f" (switch-on: + {s.coarse_s:g} s)" if s.coarse_s else ""
+    lines = [f"{aligned}.", *_meaning(task, s)]
     if any(nees_of(one.summary)[0] for one in results):
         dof = nees_of(s)[1]
         lines.append(f"NEES / {dof} is 1 where the solver's covariance is right, 95 % band {_bands(results)}.")
@@ -244,7 +245,7 @@ def _bands(results: Sequence[Results]) -> str:
 def _spread_note(results: Sequence[Results]) -> list[str]:
     if results[0].task.records:
         return ["Heading spread: standard deviation of the last heading's error at the same heading; 95 % intervals."]
-    if not results[0].task.windows:
+    if not has_spread(results[0].task):
         return []
     less = any(one.summary.spread_runs < one.summary.runs for one in results)
     left = "; runs that raised, were lost or gave no attitude at the end have none" if less else ""

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from sins_env.evaluation import ranking, report, report_figures, report_tables, svg, words
+from sins_env.evaluation import ranking, report, report_figures, report_panel, report_tables, svg, words
 from sins_env.evaluation.cli import main
 from sins_env.evaluation.cost import Cost
 from sins_env.evaluation.criteria import Criteria
@@ -155,7 +155,7 @@ def test_intervals_on_their_axis(file):
     """On a log axis from the least end to at most five times the median RMS; what is beyond is marked."""
     with Store(file, read_only=True) as db:
         lines = ranking.ranked([db.results(key) for key in db.keys([TASK.name])])
-    task = report_figures.Task([one for _, one in lines], {}, "t")
+    task = report_panel.Task([one for _, one in lines], {}, "t")
     found = {row.name: row.whisker for row in report_tables.rows_of(lines, task)}
     ends = {one.label: np.array([one.summary.rms["U"], *one.summary.rms_ci["U"]]) for _, one in lines}
     low, usual = min(ci.min() for ci in ends.values()), np.median([ci[0] for ci in ends.values()])
@@ -167,7 +167,7 @@ def test_intervals_on_their_axis(file):
         np.testing.assert_allclose(found[name][:3], expected)
         assert found[name].bound == pytest.approx(np.log(bound / low) / np.log(5 * usual / low))
     assert found["worst"].value > 1 > found["better"].high
-    alone = report_tables.rows_of(lines[:1], report_figures.Task([lines[0][1]], {}, "t"))[0].whisker
+    alone = report_tables.rows_of(lines[:1], report_panel.Task([lines[0][1]], {}, "t"))[0].whisker
     assert min(alone) == 0
     assert max(alone) == 1
 
@@ -243,10 +243,10 @@ def drawn(monkeypatch, results):
         out[title] = figure.axes[0], names, description
         return ""
 
-    monkeypatch.setattr(report_figures, "inline", keep)
+    monkeypatch.setattr(report_panel, "inline", keep)
     lines = [one for _, one in ranking.ranked(results)]
-    looks = {one.label: report_figures.Look(i) for i, one in enumerate(lines[:-1])}
-    captions = [d.caption for d in report_figures.drawings(report_figures.Task(lines, looks, "t"))]
+    looks = {one.label: report_panel.Look(i) for i, one in enumerate(lines[:-1])}
+    captions = [d.caption for d in report_figures.drawings(report_panel.Task(lines, looks, "t"))]
     return out, lines, captions
 
 
@@ -308,7 +308,7 @@ def test_forty_solvers_stay_small(tmp_path):
     dom = Dom(page)
     assert len(next(t for t in dom.tables if t[0][0] == "#")) == 41
     assert "32 more" in page
-    looks = [report_figures.Look(i) for i in range(32)]
+    looks = [report_panel.Look(i) for i in range(32)]
     assert len({(one.name, one.dash) for one in looks}) == 32
     assert len({one.marker for one in looks[:8]}) == len({one.name for one in looks[:8]}) == 8
 

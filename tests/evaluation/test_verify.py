@@ -1,9 +1,7 @@
 """Rows are made again; what was tampered with, or belongs to another code, world or suite, is told from what is equal."""
 
 import io
-import os
-import subprocess
-import sys
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +13,7 @@ from sins_env.evaluation.store import Key, Store
 from sins_env.evaluation.verify import compare_runs, verify
 
 PLUGIN = "evaluation.plugins:"
+BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "board.py"
 SECRET = 271828182845904523536028747135266249775724709
 
 
@@ -212,43 +211,11 @@ def test_suite_hash(capsys, monkeypatch, short):
 
 def test_board_of_200_000_rows(capsys):
     """40 solvers on 5 tasks, 1000 runs each; below 2 s on a quiet machine, five times that is allowed here."""
-    names = ["sway-white-v0", "sway-markov-v0", "sway-told-wrong-v0", "sway-jump-v0", "sway-heavytail-v0"]
-    make_large_file(Path("large.sqlite"), names, solvers=40, runs=1000)
-    command = [sys.executable, "-c", "from sins_env.evaluation.cli import main; raise SystemExit(main())"]
-    done = subprocess.run(
-        ["bash", "-c", 'TIMEFORMAT="%R %U %S"; time "$@"', "-", *command, "board", "--db", "large.sqlite"],
-        capture_output=True, text=True, env={**os.environ, "COLUMNS": "120", "OPENBLAS_NUM_THREADS": "1"}, check=True,
-    )  # fmt: skip
-    wall, user, system = map(float, done.stderr.split())
+    benchmark = runpy.run_path(str(BENCHMARK))
+    benchmark["make_file"](Path("large.sqlite"))
+    text, wall, cpu = benchmark["time_board"](Path("large.sqlite"))
     with capsys.disabled():
-        print(f" [board of 200,000 rows: {wall:.2f} s, of a core {user + system:.2f} s]", end="")
-    assert done.stdout.count("of 1000") == 200
-    assert all(name in done.stdout for name in names)
+        print(f" [board of 200,000 rows: {wall:.2f} s, of a core {cpu:.2f} s]", end="")
+    assert text.count("of 1000") == 200
+    assert all(name in text for name in benchmark["TASKS"])
     assert wall < 5 * 2.0
-
-
-def make_large_file(path, names, solvers, runs):
-    from sins_env.evaluation.criteria import Criteria
-    from sins_env.evaluation.rows import COLUMNS, criteria_text
-
-    rng = np.random.default_rng(0)
-    sql = f"INSERT INTO runs ({', '.join(COLUMNS)}) VALUES ({', '.join('?' * len(COLUMNS))})"
-    with Store(path) as db:
-        db._db.execute("BEGIN")
-        for name in names:
-            task = tasks.get_task(name)
-            criteria = Criteria.of(task, task.make(1).unwrapped.task)
-            db._db.execute("INSERT INTO tasks (task, criteria) VALUES (?, ?)", (name, criteria_text(criteria)))
-            shared = rng.normal(0, 4e-3, (runs, 1))
-            for i in range(solvers):
-                key = Key.of(name, "s", f"solver{i}", {}, "1")
-                errors = (1 + 0.01 * i) * shared * (1 + 0.1 * rng.normal(size=(runs, 1))) * np.array([0.03, 0.03, 1.0])
-                times = rng.uniform(50, 250, (runs, 3))
-                rest = [np.abs(errors)] * 4 + [errors, np.zeros((runs, 2)), rng.chisquare(3, (runs, 4))]
-                rows = np.hstack([times, *rest]).tolist()
-                head = (*key.values,)
-                db._db.executemany(sql, [(*head, r, "{}", 1, "ok", "", "", 0, 0, *row) for r, row in enumerate(rows)])
-        db._db.execute("COMMIT")
-        db._db.execute("INSERT INTO histories SELECT id, randomblob(100) FROM runs")
-        for name in names:
-            db.add_task(tasks.get_task(name))

@@ -1,0 +1,130 @@
+"""What readers see of navigation tasks: what ranks stays in sight, figures draw what tables say, rounding is no difference."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from evaluation.test_navigation import CRITERIA, FLIGHT, errors_of, solver
+
+from sins_env.evaluation import compare, evaluate, plots, report_tables, terminal, words
+from sins_env.evaluation.commands import _spans
+from sins_env.evaluation.records import Records
+from sins_env.evaluation.report_figures import drawings
+from sins_env.evaluation.report_panel import Task
+from sins_env.evaluation.scoring import score
+from sins_env.evaluation.store import Key, Store
+from sins_env.evaluation.verify import compare_runs
+from sins_env.specs import DEG
+
+
+def printed(results, width, capsys):
+    from rich.console import Console
+
+    terminal.print_tables(results, Console(width=width))
+    return capsys.readouterr().out
+
+
+@pytest.fixture
+def hot():
+    """Of thirty runs ten fail, or three."""
+    lines = []
+    for name, failed in (("many", 10), ("few", 3)):
+        angle = np.where(np.arange(30) < failed, 10 * DEG, 1e-3)
+        lines.append(solver(name, {"phi_u": angle, "heading": angle}, rank_by="failures", fail_azimuth_deg=5.0))
+    return lines
+
+
+def test_a_narrow_terminal_shows_what_ranks(hot, capsys):
+    text = printed(hot, 60, capsys)
+    assert "Left out in 60 columns" in text
+    assert "10 diverged" in text
+    assert "median" in text.split("─")[0]
+    position = [dataclasses.replace(one, task=FLIGHT) for one in hot]
+    assert "diverged" not in printed(position, 44, capsys)  # position ranks there
+
+
+def test_failed_runs_are_compared_in_pairs(hot):
+    """Ten against three of the same thirty: Bonett and Price with 7 discordant pairs, all on one side."""
+    found = compare(*hot)
+    p, q, n = (7 + 1) / 32, 1 / 32, 30
+    half = 1.959964 * np.sqrt((p + q - (p - q) ** 2) / (n + 2))
+    assert found.failures[0] == pytest.approx(7 / 30)
+    np.testing.assert_allclose(found.failures[1], (p - q - half, p - q + half), rtol=1e-6)
+    assert "failed runs, difference    +23.3% [" in str(found)
+
+
+def test_curves_are_of_the_lengths_in_the_table(monkeypatch):
+    """Errors 3 and 4 m east and north: 5 m in table, curve of the report and figure; a threshold is of a component only."""
+    one = solver("one", {"pos_e": np.full(10, 3.0), "pos_n": np.full(10, 4.0), "phi_e": np.full(10, 1e-5)})
+    assert one.summary.navigation.armse["position_h"][0] == pytest.approx(5.0)
+    drawn = {}
+    monkeypatch.setattr(
+        "sins_env.evaluation.report_panel.inline",
+        lambda figure, name, *rest: drawn.setdefault(name, [line.get_ydata() for line in figure.axes[0].lines]) and "",
+    )
+    captions = {d.title: d.caption for d in drawings(Task([one], {}, "t"))}
+    np.testing.assert_allclose(drawn["t-t-position_h"], [np.full(100, 5.0)], rtol=1e-6)
+    assert len(drawn["t-t-level"]) == 1
+    assert len(drawn["t-t-azimuth"]) == 2
+    assert not any("component" in caption for caption in captions.values())
+    (panel,) = [axes for axes in plots.error_figure([one]).axes if axes.get_title(loc="left").startswith("position")]
+    np.testing.assert_allclose(panel.lines[0].get_ydata(), 5.0, rtol=1e-6)
+    sizes = np.array([[3.0, 4.0]])
+    np.testing.assert_allclose([plots.size_of(sizes, True), plots.size_of(sizes, False)], [[np.sqrt(12.5)], [5.0]])
+
+
+def test_failures_stand_beside_the_main_error_on_the_page(hot):
+    heads = [name for name, _ in report_tables.heads_of(hot)]
+    assert heads[:4] == ["heading", "runs aligned", "failed", "median heading at the end"]
+    assert heads.count("failed") == 1
+    assert "median time" not in heads
+    assert "fine alignment" not in words.footer(hot)
+
+
+def test_a_task_without_the_bound_of_its_main_error_has_no_mark_for_it(hot):
+    vars(hot[0])["bound_means"] = {"azimuth": float("nan")}
+    assert report_tables._limit(hot[0], Task(hot, {}, "t")) is None
+
+
+def test_what_the_rms_of_a_run_are_over():
+    assert _spans(CRITERIA) == "; RMS: of angles in the last 60 s, of the others from 20 s on"
+
+
+def test_one_window_has_no_spread():
+    task = dataclasses.replace(FLIGHT, windows=1)
+    assert not words.has_spread(task)
+    assert words.has_spread(dataclasses.replace(task, windows=2))
+    assert words.has_spread(dataclasses.replace(task, windows=0, records=30))
+
+
+def scaled(records, **factors):
+    return dataclasses.replace(records, **{name: getattr(records, name) * f for name, f in factors.items()})
+
+
+def test_rounding_of_a_navigation_task_is_held_against_the_spread_of_its_start():
+    """A position of a metre that came from a spread of ten: the eighth digit may differ, the seventh not. Alignment is held
+    against the error itself."""
+    rng = np.random.default_rng(0)
+    given: Records = score(errors_of(rng.uniform(1, 2, (2, 12)) * 1e-2), None, CRITERIA)
+    given = dataclasses.replace(given, nees_all=np.full((2, 4), 9.0))
+    assert compare_runs(given, scaled(given, span_final=1 + 2e-9, nees_all=1 + 2e-6, steady_mean=1 + 2e-9)) == []
+    for name, factor in (("span_final", 1 + 2e-6), ("nees_all", 1 + 2e-5), ("steady_mean", 1 + 2e-6)):
+        assert len(compare_runs(given, scaled(given, **{name: factor}))) == 2, name
+    aligned = dataclasses.replace(given, criteria=dataclasses.replace(CRITERIA, navigates=False))
+    assert len(compare_runs(aligned, scaled(aligned, nees_all=1 + 2e-6))) == 2
+    assert len(compare_runs(aligned, scaled(aligned, final=1 + 3e-9))) == 2
+
+
+def test_compare_in_level_knows_the_end(short, tmp_path, monkeypatch, cli):
+    """From a results file all scores are read, not only those of tables."""
+    monkeypatch.chdir(tmp_path)
+    solvers = [f"evaluation.plugins:{name}" for name in ("Noisy", "DeadReckoning")]
+    parts = [evaluate(short, name, 8, workers=1, cost=False) for name in solvers]
+    with Store("results.sqlite") as db:
+        db.add_task(short)
+        for name, one in zip(solvers, parts, strict=True):
+            db.add(Key.of(short.name, one.suite, name, {}, "1"), one.records)
+    code, out, _ = cli("compare", short.name, *solvers, "--score", "level")
+    assert code == 0
+    assert out.strip() == str(compare(*parts, "level"))
+    assert "at the end        unknown" not in out
