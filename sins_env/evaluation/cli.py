@@ -117,7 +117,7 @@ def parser() -> argparse.ArgumentParser:
         sub.set_defaults(go=go)
         return sub
 
-    verb("list", "listing:list_all", "environments, tasks, solvers and presets")
+    verb("list", "listing:list_all", "environments, tasks, solvers, flights, published tables and presets")
 
     text = "what is known of an environment, task, solver, preset, flight or recording"
     sub = verb("describe", "listing:describe", text)

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from sins_env.envs import ENV_IDS
 from sins_env.errors import unknown
-from sins_env.evaluation import registry
+from sins_env.evaluation import registry, reproduction
 from sins_env.evaluation.contents import describe_recording, is_recording
 from sins_env.evaluation.flights import describe_flight, draw_flight, is_flight
 from sins_env.evaluation.outcome import check_plot, save_figure, titled
@@ -58,7 +58,7 @@ def _prose(text: str) -> str:
 
 
 def list_all(given: Namespace, console: Console) -> int:
-    """Environments, tasks, solvers and presets."""
+    """Environments, tasks, solvers, flights, published tables and presets."""
     table = _table("environments", "id", "what")
     for env_id in ENV_IDS:
         table.add_row(env_id, _of_environment(env_id))
@@ -80,6 +80,10 @@ def list_all(given: Namespace, console: Console) -> int:
     table = _table("flights", "name", "what")
     for name, profile in PROFILES.items():
         table.add_row(name, profile.what)
+    console.print(table)
+    table = _table("published tables, for reproduce", "number", "what")
+    for number, published in reproduction.TABLES.items():
+        table.add_row(number, f"{published.title} ({published.source})")
     console.print(table)
     table = _table("presets", "kind", "names")
     table.add_row("IMU", ", ".join(IMU_PRESETS))

@@ -58,7 +58,7 @@ def table(cli, *more):
 def test_list(cli):
     code, out, err = cli("list")
     assert (code, err) == (0, [])
-    for name in ("SINS/AlignSway-v0", "sway-told-wrong-v0", "rlg-car", "dgps"):
+    for name in ("SINS/AlignSway-v0", "sway-told-wrong-v0", "rlg-car", "dgps", "6.interference"):
         assert name in out
 
 
