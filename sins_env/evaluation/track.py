@@ -124,10 +124,13 @@ def table(one: Replay, most: int) -> Table:
     names = list(dict.fromkeys(name for each in scores for name in each))
     for name in names:
         out.add_column(name, justify="right")
+    nothing = ["nothing to compare with"] if not (names or aligned) else []
+    if nothing:
+        out.add_column("errors")
     for i, each in enumerate(scores):
         cells = [f"{np.degrees(one.scatter[i, coarse - 1, 0]):+.3f}"] if aligned else []
         cells += [f"{each[name][0]:.3f}  {each[name][1]:.3f}" if name in each else "-" for name in names]
-        out.add_row(f"{seconds(one.starts[i])} to {seconds(one.starts[i] + one.t[-1])}", *cells)
+        out.add_row(f"{seconds(one.starts[i])} to {seconds(one.starts[i] + one.t[-1])}", *cells, *nothing)
     count = len(track.displacement_errors(0)[0])
     if count:
         span = track.recording.displacements.span_s  # type: ignore[union-attr]
