@@ -8,11 +8,13 @@ from evaluation.test_navigation import CRITERIA, FLIGHT, errors_of, solver
 
 from sins_env.evaluation import compare, evaluate, plots, report_tables, terminal, words
 from sins_env.evaluation.commands import _spans
+from sins_env.evaluation.criteria import Criteria
 from sins_env.evaluation.records import Records
 from sins_env.evaluation.report_figures import drawings
 from sins_env.evaluation.report_panel import Task
 from sins_env.evaluation.scoring import score
 from sins_env.evaluation.store import Key, Store
+from sins_env.evaluation.tasks import get_task
 from sins_env.evaluation.verify import compare_runs
 from sins_env.specs import DEG
 
@@ -128,3 +130,12 @@ def test_compare_in_level_knows_the_end(short, tmp_path, monkeypatch, cli):
     assert code == 0
     assert out.strip() == str(compare(*parts, "level"))
     assert "at the end        unknown" not in out
+
+
+def test_a_flight_has_diverged_at_ten_sigmas_of_its_start():
+    """3/3/10 deg, 0.1 m/s and 10 m; nothing is known of a start before the first reset."""
+    task = get_task("flight-sun2012-v0")
+    env = task.make(1)
+    task.reset(env, [0])
+    limit = Criteria.of(task, env.unwrapped.task).limit
+    np.testing.assert_allclose(limit, [*np.radians([30.0, 30.0, 100.0]), *[1.0] * 3, *[100.0] * 3])
