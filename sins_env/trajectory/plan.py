@@ -129,7 +129,7 @@ class FlightPlan:
         still = 0.0
         if self.speed_mps == 0:
             for segment in self.segments:
-                if segment != Segment(segment.duration_s):
+                if segment.manoeuvre != "cruise":
                     break
                 still += segment.duration_s
         return still

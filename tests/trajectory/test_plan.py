@@ -104,7 +104,7 @@ def test_what_the_segments_add_up_to():
     assert_allclose(ends[6], [80, 50, 135, 0, 20], atol=1e-9)
     assert_allclose(ends[-1], [100, 35, 135, 0, 0], atol=1e-9)
     assert plan.rest_s == 0.0
-    assert flight([5], ["cruise", 4], ["accelerate", 1, 1], [3]).rest_s == 9.0
+    assert flight([5], ["cruise", 4], [2, 0, 0, 0, 0, 0], ["accelerate", 1, 1], [3]).rest_s == 11.0
 
 
 def test_derivatives_are_those_of_velocity_and_attitude():
