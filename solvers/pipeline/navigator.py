@@ -22,7 +22,7 @@ class Navigator(Integration):
     Jacobian of the reset; ``"open"`` corrects its output alone. Where the task does not tell a start it stands still for
     ``coarse_s`` seconds: coarse alignment by the method ``coarse``, then navigation from the place of the last fix, or the site.
     The default ``svd`` takes the vehicle at its word; on one that rocks on the spot, the velocities of the fixes, which
-    ``aided`` relies on, are noisier than that.
+    ``aided`` relies on, are noisier than that. ``coordinates=None``: as a filter says for navigation alone, else as it says.
 
     Raises:
         ValueError: an unknown setting.
@@ -40,6 +40,8 @@ class Navigator(Integration):
         coordinates: str | None = None,
         coarse: str | None = None,
     ) -> None:
+        if coordinates is None:
+            coordinates = getattr(filter, "navigation_coordinates", None)
         super().__init__(filter, NavigationErrors(), feedback, coordinates, coarse)
 
     def answer(self, nav: NavState) -> Array:

@@ -206,20 +206,29 @@ def test_every_filter_navigates(name):
 
 
 def test_the_bank_finds_the_heading_among_fifteen_states():
-    """gsf_ekf cuts the angle that is least known: state 2, the azimuth."""
-    _, estimator = fly("gsf_ekf", 2, profile="hotstart60", duration=2.0)
-    np.testing.assert_array_equal(estimator.running._belief.axis, 2)
-    assert estimator.diagnostics()["components"].min() > 8
+    """gsf_ekf cuts the angle that is least known: state 2, the azimuth; also of a rotation vector below half a turn."""
+    for coordinates in ("euler", "invariant"):
+        settings = {"coordinates": coordinates}
+        _, estimator = fly("gsf_ekf", 2, profile="hotstart60", duration=2.0, settings=settings)
+        np.testing.assert_array_equal(estimator.running._belief.axis, 2)
+        assert estimator.diagnostics()["components"].min() > 8
+        assert np.all(estimator.health().failed_at == -1)
 
 
 def test_a_bank_takes_invariant_coordinates():
-    """Uncut it is the invariant filter; else it finds the azimuth there too, where f keeps the angle below half a turn."""
+    """Uncut it is the invariant filter."""
     one, bank = fly("gsf_ekf", 4, settings={"coordinates": "invariant", "spacing_deg": 360.0}, duration=3.0)
     np.testing.assert_allclose(one, fly("inekf", 4, duration=3.0)[0], rtol=1e-9, atol=1e-12)
     assert np.all(bank.health().failed_at == -1)
-    _, estimator = fly("gsf_ekf", 4, settings={"coordinates": "invariant"}, profile="hotstart60", duration=2.0)
-    np.testing.assert_array_equal(estimator.running._belief.axis, 2)
-    assert np.all(estimator.health().failed_at == -1)
+
+
+def test_tilts_of_twenty_degrees_rule_no_slice_out():
+    """Coordinates in which a slice's tangent is exact, by default where it navigates; in Euler angles the true ones are lost."""
+    for coordinates, found in ((None, True), ("euler", False)):
+        settings = {} if coordinates is None else {"coordinates": coordinates}
+        errors, _ = fly("gsf_ekf", 6, seed=9008, profile="hotstart90", duration=40.0, settings=settings)
+        assert (np.degrees(np.abs(errors[-1, :, 2]).max()) < 2.0) == found
+    assert solvers.make("gsf_ekf").aligner.coordinates == "euler"
 
 
 def test_a_fifth_degree_rule_on_fifteen_states_counts_its_fallbacks():
