@@ -79,8 +79,12 @@ class VehicleSettings(SimulationSettings):
 def check_events(given: Any) -> str | tuple[str, ...] | tuple[Event, ...]:
     """A scene's name, names by record, or a script in the order of time."""
     values = checks.items(given)
-    if values is None:
+    if isinstance(given, str):
         return checks.choice("events", given, SCENES)
+    if values is None:
+        raise checks.refused(
+            "events", given, f"a scene ({', '.join(sorted(SCENES))}), one for each heading, or a script"
+        )
     if values and all(isinstance(one, str) for one in values):
         return tuple(checks.choice("events", one, SCENES) for one in values)
     return tuple(sorted((Event.of(one) for one in values), key=lambda event: event.t))

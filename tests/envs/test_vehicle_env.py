@@ -87,7 +87,7 @@ def test_a_record_is_the_same_run_as_without_records():
     ("settings", "parts"),
     [
         ({"events": "dors"}, ["'dors'", "did you mean 'doors'", *SCENES]),
-        ({"events": 3}, ["events 3", "doors"]),
+        ({"events": 3}, ["events = 3", "doors"]),
         ({"events": ["doors", "people"]}, ["2 scenes in events with heading_deg = 30.0"]),
         ({"events": ["doors"], "heading_deg": [1.0, 2.0]}, ["1 scenes", "2 headings", "one scene for each"]),
         ({"events": [{"t": 3.0}]}, ["{'t': 3.0}", "t (s) and kind"]),
@@ -97,6 +97,7 @@ def test_a_record_is_the_same_run_as_without_records():
         ({"events": [{"t": 3.0, "kind": "in", "scale": 0.0}]}, ["scale = 0.0", "> 0"]),
         ({"events": [{"t": 3.0, "kind": "in", "sclae": 2}]}, ["'sclae'", "did you mean 'scale'"]),
         ({"events": ["doors", {"t": 3.0, "kind": "in"}]}, ["'doors'", "t (s) and kind"]),
+        ({"events": {"t": 3.0, "kind": "in"}}, ["events = {'t': 3.0", "one for each heading, or a script"]),
         ({"event_rate_per_min": -1.0}, ["event_rate_per_min = -1.0", ">= 0"]),
         ({"gps": {"lever_arm_m": [0, 0, 1]}}, ["'lever_arm_m'", "vel_std_mps"]),
         ({"gps": {"rate_hz": 3.0}}, ["3 Hz", "10 Hz divided by a whole number"]),
