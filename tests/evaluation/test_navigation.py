@@ -231,6 +231,19 @@ def test_what_follows_the_fixes_has_their_noise(found):
     assert found.summary.counts["any"] == 0
 
 
+def test_euler_errors_are_those_of_the_told_attitude(found):
+    """It stays as told, so its heading, pitch and roll are off by how far the flight's have gone from it."""
+    env = FLIGHT.make(2, reveal_truth=True)
+    _, info = FLIGHT.reset(env, [0, 1])
+    told = np.concatenate([info["start"][name] for name in ("q_nb", "vel", "pos")], axis=1)
+    for _ in range(200):
+        info = env.step(told)[4]
+    away = [np.stack(attitude.to_euler(attitude.to_dcm(q)), axis=-1) for q in (told[:, :4], info["truth"]["q_nb"])]
+    expected = (away[0] - away[1] + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(expected).min() > 1e-4
+    np.testing.assert_allclose(found.records.span_final[:2, 9:], expected, atol=1e-9)
+
+
 def test_one_by_one_gives_the_same(found):
     alone = evaluate(FLIGHT, "evaluation.plugins:FollowsFixesAlone", 3, workers=1, cost=False).records
     for name in ("span_rms", "span_final", "nees_all", "history", "t_conv"):
@@ -279,6 +292,8 @@ def test_results_file_board_export_and_verify(flight, found, tmp_path, monkeypat
     assert float(line["armse_azimuth_deg"]) == pytest.approx(found.summary.navigation.armse["azimuth"][0] / DEG)
     (entry,) = json.loads(cli("board", "--json")[1])
     assert entry["armse"]["velocity_v"] == found.summary.navigation.armse["velocity_v"][0]
+    assert entry["armse"]["azimuth"] == pytest.approx(found.summary.navigation.armse["azimuth"][0] / DEG)
+    assert entry["armse_ci"]["azimuth"][0] < entry["armse"]["azimuth"] < entry["armse_ci"]["azimuth"][1]
     assert cli("export", "--csv", "e.csv")[0] == cli("export", "--json", "e.json")[0] == 0
     with open("e.csv", newline="") as file:
         rows = list(csv.DictReader(file))

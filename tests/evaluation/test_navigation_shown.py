@@ -1,14 +1,16 @@
 """What readers see of navigation tasks: what ranks stays in sight, figures draw what tables say, rounding is no difference."""
 
+import csv
 import dataclasses
 
 import numpy as np
 import pytest
 from evaluation.test_navigation import CRITERIA, FLIGHT, errors_of, solver
 
-from sins_env.evaluation import compare, evaluate, plots, report_tables, terminal, words
+from sins_env.evaluation import board, compare, evaluate, plots, report_tables, terminal, words
 from sins_env.evaluation.commands import _spans
 from sins_env.evaluation.criteria import Criteria
+from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.records import Records
 from sins_env.evaluation.report_figures import drawings
 from sins_env.evaluation.report_panel import Task
@@ -139,3 +141,17 @@ def test_a_flight_has_diverged_at_ten_sigmas_of_its_start():
     task.reset(env, [0])
     limit = Criteria.of(task, env.unwrapped.task).limit
     np.testing.assert_allclose(limit, [*np.radians([30.0, 30.0, 100.0]), *[1.0] * 3, *[100.0] * 3])
+
+
+def test_the_ratio_to_the_bound_is_that_of_the_mean_over_time():
+    """Position errors that shrink: their mean over time is less than their RMS over time."""
+    values = np.zeros((5, 12))
+    values[:, 6] = 1.0
+    course = np.linspace(4.0, 1.0, CRITERIA.num_epochs)
+    one = Results(FLIGHT, "one", {}, "s", score(errors_of(values, course), None, CRITERIA), stored_bound=None)
+    vars(one)["bound_means"] = {"position": 0.5}
+    expected = course[9::10][CRITERIA.span].mean() / 0.5
+    assert words.bound_ratio(one) == pytest.approx(expected, rel=1e-6)
+    assert one.summary.navigation.rms["position"][0] / 0.5 > 1.03 * expected
+    (row,) = csv.DictReader(board.as_csv([one]).splitlines())
+    assert float(row["bound_ratio_position"]) == pytest.approx(expected, rel=1e-6)

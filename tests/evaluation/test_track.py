@@ -174,7 +174,7 @@ def test_outages_are_withheld():
 
 
 @pytest.mark.parametrize("recorded", ["navgrade_car_gps.npz"], indirect=True)
-def test_the_driven_car(recorded, cli):
+def test_the_driven_car(recorded, cli, monkeypatch):
     """Issue 6: heading within 0.2 deg after 68 s, displacements in the drive within 10 cm of the phase of the carrier."""
     task = get_task("navgrade-car-v0")
     found = replay(recorded, "ckf", env={name: value for name, value in task.kwargs.items() if name != "recording"})
@@ -191,6 +191,7 @@ def test_the_driven_car(recorded, cli):
     assert course.records.status[0] == "ok"
     assert_allclose(of_run(task, 0, course), found.track.displacement_errors(0)[1], atol=1e-6)
     assert of_run(get_task("flight-sun2012-v0"), 0, course).shape == (0, 3)
+    monkeypatch.setattr("sins_env.evaluation.commands.run_episode", lambda *_, **__: course)  # played already
     code, out, err = cli("run", "navgrade-car-v0", "ckf")
     assert (code, err) == (0, [])
     assert f"{scores['displacement, m'][0]:.3f} m" in out
