@@ -89,6 +89,10 @@ def compare(given: Namespace, console: Console) -> int:
             for b in chosen
             if (a.suite, a.solver, b.solver) == (b.suite, given.solver, given.reference) and a != b
         ]
+        if not pairs and given.solver == given.reference:
+            raise ValueError(
+                f"{given.solver} against itself; allowed: two solvers, or two settings of one in {given.db}"
+            )
         if not pairs:
             raise ValueError(f"{given.solver} and {given.reference} on {given.task}: no suite in common in {given.db}")
         for a, b in pairs:

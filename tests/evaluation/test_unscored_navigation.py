@@ -10,7 +10,7 @@ import pytest
 from evaluation.test_track import drive
 
 from sins_env import recordings
-from sins_env.evaluation import board, evaluate, plots, ranking, tasks
+from sins_env.evaluation import board, compare, evaluate, plots, ranking, tasks
 from sins_env.evaluation.tasks import EvaluationTask
 
 SOLVER = "evaluation.test_track:Driven"
@@ -38,6 +38,11 @@ def unscored(tmp_path, monkeypatch):
 @pytest.fixture
 def found(unscored):
     return evaluate(unscored, SOLVER, 2, workers=1, cost=False)
+
+
+def test_there_is_nothing_to_compare(found):
+    with pytest.raises(ValueError, match="drive-v0 has no truth; allowed: tasks whose errors are scored"):
+        compare(found, found)
 
 
 def test_nothing_is_scored(found):
@@ -75,7 +80,7 @@ def test_command_line(unscored, tmp_path, cli):
     assert cli("export", "--csv", "e.csv")[0] == 0
     assert cli("verify", "--workers", 1)[0] == 0
     code, _, (said,) = cli("compare", unscored.name, SOLVER, SOLVER)
-    assert (code, "\n" in said) == (2, False)
+    assert (code, "against itself; allowed: two solvers, or two settings of one in results.sqlite" in said) == (2, True)
     code, out, _ = cli("run", unscored.name, SOLVER, "--plot", "run.png")
     assert (code, "nan" in out) == (0, False)
     for text in ("position, horizontal", "no reference to score against"):
