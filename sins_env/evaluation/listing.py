@@ -23,6 +23,7 @@ from sins_env.evaluation.flights import describe_flight, draw_flight, is_flight
 from sins_env.evaluation.outcome import check_plot, save_figure, titled
 from sins_env.evaluation.progress import Bar
 from sins_env.evaluation.tasks import TASKS, EvaluationTask, suite_hash
+from sins_env.evaluation.words import order
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS
 from sins_env.trajectory.profiles import PROFILES
 
@@ -140,11 +141,14 @@ def _task(task: EvaluationTask, console: Console) -> bool:
         "source": task.source,
         "environment": f"{task.env_id} {dict(task.kwargs)}",
         "aligned": f"{task.thresholds} until the end, for {task.hold_s:g} s or more",
+        "scored": f"from {max(task.score_from_s, public.coarse_s):g} s on; order: {order(task)}"
+        if public.navigate
+        else "",
         "duration": f"{public.duration_s:g} s ({public.coarse_s:g} s coarse), {public.num_epochs} epochs",
         "runs": f"up to {task.max_runs}, the windows of the recording" if task.max_runs else "as many as asked for",
         "suite": f"seed {task.suite_seed}, hash {suite_hash(task)}",
     }
-    for name, text in rows.items():
+    for name, text in filter(all, rows.items()):
         table.add_row(name, escape(text))
     console.print(table)
     _fields("told prior (1 sigma)", public.prior, console)

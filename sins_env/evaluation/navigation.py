@@ -32,7 +32,6 @@ class Navigation:
 
     armse: dict[str, Estimate]
     rms: dict[str, Estimate]  #: over runs and the scored span
-    final: dict[str, float]  #: RMS over runs at T
     median_azimuth: Estimate  #: median over runs of the size of the heading error at T
     nees: tuple[Nees, ...]  #: of attitude, velocity and position together: 9 is consistent
     from_s: float  #: where the scored span begins, from switch-on
@@ -46,7 +45,6 @@ def summarise(records: Records) -> Navigation:
     return Navigation(
         armse=dict(zip(QUANTITIES, _time_means(records, list(QUANTITIES.values())), strict=True)),
         rms=dict(zip(errors, resampling.rms_intervals(np.stack([e[0] for e in errors.values()], axis=1)), strict=True)),
-        final={name: float(np.sqrt(np.square(final).mean())) for name, (_, final) in errors.items()},
         median_azimuth=resampling.median_interval(azimuth) if c.scored else (math.nan, resampling.NO_INTERVAL),
         nees=consistency(c, records.nees_all, dof=9),
         from_s=(c.span_from - 1) * c.epoch_s,

@@ -197,15 +197,25 @@ def _meaning(task: EvaluationTask, s: Summary) -> list[str]:
         ]
     span = f" from {s.navigation.from_s:g} s on" if s.navigation.from_s else ""
     errors = f"Errors: mean over time{span} of the RMS over runs; 95 % intervals."
-    if by_failures(task):
-        limit = (
-            f" (here also: azimuth beyond {task.fail_azimuth_deg:g} deg at the end)" if task.fail_azimuth_deg else ""
+    equal = "shares not told apart over common runs (95 %)"
+    if not by_failures(task):
+        name = QUANTITIES[task.rank_by].name
+        equal = (
+            f"not told from the rank's first, by the 95 % interval of the ratio of their {name} RMS over common runs"
         )
-        rule = "the share of failed runs, then the median heading error at the end, ranks"
-        return [errors, f"Order: {rule}{limit}. Equal ranks: shares not told apart over common runs (95 %)."]
-    name = QUANTITIES[task.rank_by].name
-    told = f"by the 95 % interval of the ratio of their {name} RMS (over runs and time) over common runs"
-    return [errors, f"Order: {name} RMS over runs and time. Equal ranks: not told from the rank's first, {told}."]
+    return [errors, f"Order: {order(task)}. Equal ranks: {equal}."]
+
+
+def order(task: EvaluationTask) -> str:
+    """What orders the solvers of a navigation task."""
+    if not by_failures(task):
+        return f"{QUANTITIES[task.rank_by].name} RMS over runs and time"
+    limit = (
+        f" (also those whose azimuth is beyond {task.fail_azimuth_deg:g} deg at the end)"
+        if task.fail_azimuth_deg
+        else ""
+    )
+    return f"share of failed runs{limit}, then median heading error at the end"
 
 
 def _bound_note(results: Sequence[Results]) -> list[str]:

@@ -70,6 +70,8 @@ def test_list(cli):
         ("SINS/Replay-v0", "recording"),
         ("SINS/NavFlight-v0", "velocity_std_mps"),
         ("lu-mixture", "contamination 0.2"),
+        ("flight-lu-gauss-v0", "from 100 s on; order: position RMS over runs and time"),
+        ("flight-hotstart60-v0", "from 0 s on; order: share of failed runs"),
         ("zhao2010", "roll + turn"),
         ("tactical", "arw_deg_sqrt_h"),
         ("dgps", "rate_hz"),

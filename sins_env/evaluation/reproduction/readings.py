@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from sins_env import attitude
 from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.records import Records
 from sins_env.evaluation.reproduction.verdicts import Estimate, root_mean_square
 from sins_env.evaluation.resampling import percentile_interval, resampled_medians
-from sins_env.evaluation.scoring import Records
 
 Array = NDArray[np.float64]
 Reader = Callable[..., Estimate]
