@@ -43,7 +43,7 @@ class Task:
     """All that an estimator may know beforehand. The task, not the solver, states the prior."""
 
     id: str
-    site: Site
+    site: Site  #: of a flight from a told start the region; where it starts the start tells, with its error
     epoch_s: float
     n_sub: int  #: IMU samples per epoch
     duration_s: float  #: coarse phase included
@@ -75,7 +75,8 @@ class Estimator(Protocol):
 
     ``batched``: True if ``step`` takes observations with a leading run axis (it must take them without, too).
     ``rng`` is one Generator, or for a batch a sequence with one per run.
-    An optional ``covariance()`` returns that of the corrected errors, (..., 3, 3) rad^2 in the order E, N, U.
+    An optional ``covariance()`` returns that of the corrected errors: (..., 3, 3) rad^2 in the order E, N, U; in navigation
+    (..., 9, 9) of phi rad, velocity m/s and position m.
     """
 
     batched: bool
