@@ -198,13 +198,15 @@ class Chart:
 
 
 def _slope(g: Function, x: Array, at_zero: Array) -> Array:
-    """The Jacobian (..., n, n) of g at x: ``at_zero`` in the runs where x is nothing."""
+    """The Jacobian (..., n, n) of g at x: ``at_zero`` in the runs where x is nothing. The biases, the last six, stay as they are."""
     away = np.abs(x).max(axis=-1) > NOTHING
     if x.ndim == at_zero.ndim:  # components of a mixture
         at_zero = widen(at_zero)
     if not away.any():
         return at_zero
-    return np.where(away[..., None, None], tangent(g, x, np.full_like(x, SCALE))[1], at_zero)
+    J = np.broadcast_to(np.eye(x.shape[-1]), (*x.shape, x.shape[-1])).copy()
+    J[..., :-6, :-6] = tangent(g, x[..., :-6], np.full_like(x[..., :-6], SCALE))[1]
+    return np.where(away[..., None, None], J, at_zero)
 
 
 def turned(theta: Array, y: Array, a: Array | float, b: Array) -> Array:
