@@ -198,7 +198,7 @@ class Chart:
 
 
 def _slope(g: Function, x: Array, at_zero: Array) -> Array:
-    """The Jacobian (..., n, n) of g at x: ``at_zero`` in the runs where x is nothing. The biases, the last six, stay as they are."""
+    """The Jacobian (..., n, n) of g at x: ``at_zero`` in the runs where x is nothing. Biases, the last six, stay as they are."""
     away = np.abs(x).max(axis=-1) > NOTHING
     if x.ndim == at_zero.ndim:  # components of a mixture
         at_zero = widen(at_zero)

@@ -105,6 +105,7 @@ def test_what_the_segments_add_up_to():
     assert_allclose(ends[-1], [100, 35, 135, 0, 0], atol=1e-9)
     assert plan.rest_s == 0.0
     assert flight([5], ["cruise", 4], [2, 0, 0, 0, 0, 0], ["accelerate", 1, 1], [3]).rest_s == 11.0
+    assert flight([5], ["turn", 2, 1.0], [3]).rest_s == 5.0
 
 
 def test_derivatives_are_those_of_velocity_and_attitude():
