@@ -28,7 +28,7 @@ SAME = [
     (("ckf", {"root": "svd"}), ("ckf", {}), "linear", 1e-10),
     (("ekf", {}), ("kf", {}), "linear", 1e-10),
     (("iekf", {"iterations": 1}), ("ekf", {}), "nonlinear", 1e-12),
-    (("iekf", {"smooth": False}), ("ekf", {}), "nonlinear f", 1e-12),
+    (("iekf", {"smooth": False}), ("ekf", {}), "nonlinear f", 1e-10),
     (("iekf", {"tolerance": 0.0, "iterations": 9}), ("kf", {}), "linear", 1e-10),
     (("inekf", {}), ("ekf", {}), "nonlinear", 1e-12),  # the coordinates are the pipeline's
     (("ckf", {}), ("kf", {}), "linear", 1e-10),
