@@ -7,6 +7,8 @@ Pairs of these vectors give C_ib0^i, and C_b^n(t) = C_e^n C_i^e(t) C_ib0^i C_b^i
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +22,7 @@ Array = NDArray[np.float64]
 EARLY_SHARE = 50 / 180  #: of the coarse phase at which the two-vector method takes its first vector, 000 section 2.4
 
 
-class InertialFrame:
+class InertialFrame(ABC):
     """The two integrals; how pairs of them are kept and fitted is what the methods differ in. Batch first."""
 
     def __init__(self, task: Task, batch: tuple[int, ...]) -> None:
@@ -48,13 +50,13 @@ class InertialFrame:
         """q_nb (..., 4) at the last epoch; level from the first epochs on, azimuth as the pairs spread."""
         return attitude.from_dcm(self._C_i_n() @ self._fit() @ attitude.to_dcm(self._q))
 
+    @abstractmethod
     def _keep(self, v_b: Array, v_i: Array, obs: Observation) -> None:
         """What the method needs of the pair (..., 3) at the end of this epoch."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _fit(self) -> Array:
         """C_ib0^i (..., 3, 3)."""
-        raise NotImplementedError
 
     def _in_start_axes(self, vector_b: Array) -> Array:
         """C_b^ib0 of the last epoch times the vector."""
