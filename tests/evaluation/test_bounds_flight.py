@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from oracles.wrong_dynamics import body_is_level, no_acceleration, rate_reversed
 from scipy import linalg
 
 from sins_env import attitude, earth
@@ -160,19 +161,6 @@ def test_dynamics_are_those_of_the_strapdown(quotients, name):
     assert apart(linear(flight(name), seconds), expected) < GATE
 
 
-def _body_is_level(model, part):
-    return part._replace(C=np.broadcast_to(np.eye(3), part.C.shape))
-
-
-def _no_acceleration(model, part):
-    return part._replace(force=part.force * [0, 0, 1])
-
-
-def _rate_reversed(model, part):
-    model.earth = dataclasses.replace(model.earth, rate=-earth.EARTHS["wgs84"].rate)
-    return part
-
-
 def _at_the_start(model, part):
     return part._replace(pos=np.broadcast_to([34 * DEG, 108 * DEG, 0.0], part.pos.shape))
 
@@ -191,7 +179,7 @@ def _without_place(F):
     return F
 
 
-@pytest.mark.parametrize("spoil", [_body_is_level, _no_acceleration, _rate_reversed, _at_the_start, _slow, _no_place])
+@pytest.mark.parametrize("spoil", [body_is_level, no_acceleration, rate_reversed, _at_the_start, _slow, _no_place])
 def test_the_gate_sees_errors(quotients, spoil):
     seconds, expected = quotients["lu-gauss"]
     assert apart(linear(flight("lu-gauss"), seconds, spoil), expected) > GATE
