@@ -36,7 +36,8 @@ def style(i: int) -> dict[str, Any]:
     return {"color": COLOURS[i % len(COLOURS)], "linestyle": STYLES[i % len(STYLES)], "linewidth": 1.7}
 
 
-def _new(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
+    """Empty, in inches, without pyplot."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -45,7 +46,8 @@ def _new(width: float, height: float) -> Figure:
     return figure
 
 
-def _axes(axes: Axes, title: str, **settings: Any) -> None:
+def finish(axes: Axes, title: str, **settings: Any) -> None:
+    """Title, settings, grid, and numbers instead of powers on log axes."""
     axes.set_title(title, fontsize=10, loc="left")
     axes.set(**settings)
     axes.grid(which="major", alpha=0.35, linewidth=0.6)
@@ -66,7 +68,7 @@ def error_figure(results: Sequence[Results]) -> Figure:
     Where a task navigates position and velocity stand in the place of level and success.
     """
     groups = list(by_task(results).values())
-    figure = _new(13.0, 4.3 * len(groups) + 0.5)
+    figure = new_figure(13.0, 4.3 * len(groups) + 0.5)
     parts = figure.subfigures(len(groups), 1, squeeze=False)[:, 0]
     colours = {label: i for i, label in enumerate(dict.fromkeys(one.label for one in results))}
     for part, group in zip(parts, groups, strict=True):
@@ -116,12 +118,12 @@ def _over_time(axes: Axes, curve: _Curve, lines: Sequence[Results], colours: Map
     for one in lines:
         if one.summary.scored:
             size = size_of(one.records.history[:, :, curve.parts], curve.of_component)
-            _band(axes, criteria.history_t, size, curve.unit, one.label, colours[one.label])
+            band(axes, criteria.history_t, size, curve.unit, one.label, colours[one.label])
     bound = next((one.bound for one in lines if one.bound), None)
     if bound and max(curve.parts) < bound.sigma.shape[1]:
         sigma = size_of(bound.sigma[:, curve.parts], curve.of_component) / curve.unit
-        axes.plot(bound.t, sigma, **_bound_style(bound))
-    _axes(axes, curve.title, xlabel="time, s", ylabel=curve.unit_name, yscale="log")
+        axes.plot(bound.t, sigma, **bound_style(bound))
+    finish(axes, curve.title, xlabel="time, s", ylabel=curve.unit_name, yscale="log")
     axes.set_xlim(0, criteria.duration_s)
     if curve.parts[0] < 3:
         axes.axhline(criteria.delta[curve.parts[0]] / curve.unit, label=_told_threshold(task), **_DOTTED)
@@ -135,11 +137,11 @@ def _success(axes: Axes, lines: Sequence[Results], colours: Mapping[str, int]) -
             deltas, success, _, _ = success_profile(one.records)
             axes.step(deltas / DEG, 100 * success, where="post", **style(colours[one.label]))
     held = f"azimuth within the threshold for the last {task.hold_s:g} s"
-    _axes(axes, held, xlabel="threshold, deg", ylabel="% of runs", xscale="log", ylim=(-3, 103))
+    finish(axes, held, xlabel="threshold, deg", ylabel="% of runs", xscale="log", ylim=(-3, 103))
     axes.axvline(task.delta_azimuth_deg, **_DOTTED)
 
 
-def _bound_style(bound: Bound, name: str = "Cramér-Rao bound") -> dict[str, Any]:
+def bound_style(bound: Bound, name: str = "Cramér-Rao bound") -> dict[str, Any]:
     """Solid where it holds, dashed where it is a reference only."""
     line = {"color": "black", "linewidth": 1.1, "zorder": 3}
     if bound.holds:
@@ -173,7 +175,8 @@ def error_curve(size: Array, unit: float, resamples: int = 400) -> tuple[Array, 
     return value, low, high
 
 
-def _band(axes: Axes, t: Any, size: Array, unit: float, label: str, i: int) -> None:
+def band(axes: Axes, t: Any, size: Array, unit: float, label: str, i: int) -> None:
+    """RMS over runs of (R, S) with its 95 % band, in the look of the i-th solver."""
     value, low, high = error_curve(size, unit)
     if len(size) > 1:
         axes.fill_between(t, low, high, color=style(i)["color"], alpha=0.15, linewidth=0)
@@ -210,7 +213,7 @@ def run_figure(task: EvaluationTask, label: str, course: Course) -> Figure:
     """The errors of one run at every epoch, with what the estimator says of them (3 sigma)."""
     criteria = course.records.criteria
     columns = [_ANGLES, *(_STATES if criteria.navigates else [])]
-    figure = _new(9.0 + 4.0 * (len(columns) - 1), 7.2)
+    figure = new_figure(9.0 + 4.0 * (len(columns) - 1), 7.2)
     panels = figure.subplots(3, len(columns), sharex=True, squeeze=False)
     bound = task.bound() if criteria.scored else None
     for axes, row in zip(panels.T.ravel(), [row for rows in columns for row in rows], strict=True):
@@ -241,13 +244,13 @@ def _run_panel(axes: Axes, row: _Row, course: Course, bound: Bound | None) -> No
             line: dict[str, Any] = {"label": "threshold", "color": COLOURS[1], "linestyle": "--", "linewidth": 1.0}
             axes.axhline(sign * delta, **{**line, **told})
         if bound and j < bound.sigma.shape[1]:
-            limit = {**_bound_style(bound, "3 sigma of the Cramér-Rao bound"), "linewidth": 0.8, **told}
+            limit = {**bound_style(bound, "3 sigma of the Cramér-Rao bound"), "linewidth": 0.8, **told}
             axes.plot(bound.t, 3 * sign * bound.sigma[:, j] / row.unit, **limit)
     last = f"   at the end {error[-1]:+.3g} {row.unit_name}" if len(error) and criteria.scored else ""
     title = f"{row.name} error{last}"
     if not criteria.scored:
         _say_unscored(axes)
-    _axes(axes, title, ylabel=row.unit_name)
+    finish(axes, title, ylabel=row.unit_name)
     if delta is None:
         late = np.abs(error[len(error) // 5 :])  # the start, which is larger, is drawn logarithmic
         delta = _round_above(float(np.nan_to_num(late).max(initial=0.0)))

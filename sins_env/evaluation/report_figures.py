@@ -211,9 +211,9 @@ def _cost(task: Task) -> Drawing:
         }
         panel.axes.plot([cost], [y], color=colour, gid=style["gid"], zorder=order + 0.1, markeredgewidth=0, **marker)
         points.append((cost, y))
-    front = _front(points)
-    if len(front) > 1:
-        x, y = np.array(front).T
+    best = front(points)
+    if len(best) > 1:
+        x, y = np.array(best).T
         panel.axes.step(x, y, where="post", color=PAGE["ink"], linewidth=1, linestyle=(0, (2, 2)), zorder=1)
     limit = _limit(task)
     if scored and task.bound and limit is not None:
@@ -266,7 +266,8 @@ def _limit(task: Task) -> float | None:
     return float(task.bound.steady[2] / DEG) if task.bound else None
 
 
-def _front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+def front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The Pareto front of costs and errors: those that none is below and left of, by cost."""
     out: list[tuple[float, float]] = []
     for x, y in sorted(points):
         if not out or y < out[-1][1]:

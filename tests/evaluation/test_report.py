@@ -295,7 +295,7 @@ def test_what_the_figures_draw(file, monkeypatch):
 
 def test_the_front():
     points = [(2.0, 3.0), (1.0, 5.0), (3.0, 4.0), (4.0, 1.0), (4.0, 2.0)]
-    assert report_figures._front(points) == [(1.0, 5.0), (2.0, 3.0), (4.0, 1.0)]
+    assert report_figures.front(points) == [(1.0, 5.0), (2.0, 3.0), (4.0, 1.0)]
 
 
 def test_forty_solvers_stay_small(tmp_path):
