@@ -1,0 +1,208 @@
+"""The leaderboard of the default suite (suite.py): runs what is missing, then writes leaderboard.json and the figures of README.
+
+    python benchmarks/leaderboard.py                            all of it; hours from nothing, most of them particle filters
+    python benchmarks/leaderboard.py --at-most 4 --db try.sqlite --out /tmp    a few runs of each, elsewhere
+
+The results file is one of ``sins-env eval`` and may begin as a copy of one that has some of the runs. What was interrupted
+goes on where it ended. ``readme.py`` makes the tables of README from the JSON.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import story
+import suite
+
+from sins_env.evaluation import registry
+from sins_env.evaluation.filling import fill
+from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.outcome import remark
+from sins_env.evaluation.paired import Estimate, compare
+from sins_env.evaluation.quantities import QUANTITIES
+from sins_env.evaluation.ranking import by_failures, failure_rate, headline, ranked
+from sins_env.evaluation.resampling import NO_INTERVAL, Interval
+from sins_env.evaluation.store import Store
+from sins_env.evaluation.words import bound_ratio, nees_of, spread_of
+from sins_env.memory import keep_freed_memory
+from sins_env.specs import ARCSEC, DEG
+
+ROOT = Path(__file__).resolve().parents[1]
+JSON = ROOT / "benchmarks" / "leaderboard.json"
+DIGITS = 5  #: of the numbers in the JSON
+CHUNK = 128  #: runs together: what each costs falls with their number
+
+
+def run(store: Store, most: int | None = None, workers: int | None = None, only: Sequence[str] = ()) -> None:
+    """Make the runs of the suite that the file has not yet, those of the tasks ``only`` or of all."""
+    chosen = [task for task in suite.tasks() if not only or task.name in only]
+    for task in chosen:
+        store.add_task(task)
+    for costed in (True, False):
+        names = {task.name for task in chosen if (task.name in suite.COSTED) is costed}
+        wanted = [one for part in suite.SUITE if part.task in names for one in part.evaluations(most)]
+        fill(store, wanted, workers=workers, chunk=CHUNK, cost=costed, resume="the same command continues")
+
+
+def results(store: Store, whole: bool = False) -> dict[str, list[Results]]:
+    """By task, what the file holds of the suite; solvers that have not played are left out."""
+    out: dict[str, list[Results]] = {task.name: [] for task in suite.tasks()}
+    for part in suite.SUITE:
+        for one in part.evaluations() if part.task in out else ():
+            if store.runs_of(one.key):
+                out[part.task].append(store.results(one.key, one.runs, whole))
+    return {name: found for name, found in out.items() if found}
+
+
+class Score(NamedTuple):
+    """What ranks the solvers of a task, in a unit for readers."""
+
+    name: str
+    unit: str
+    value: float
+    interval: Interval
+    bound: float = math.nan
+
+
+def score(one: Results) -> Score:
+    """The RMS that ranks; the median heading at the end where failures do, the heading's spread where no truth is known."""
+    s = one.summary
+    if not s.scored:
+        return Score("spread of the heading", "deg", spread_of(one)[0], NO_INTERVAL)
+    if s.navigation is None:
+        limit = one.bound.steady[2] / ARCSEC if one.bound else math.nan
+        return Score("azimuth RMS", "arcsec", s.rms["U"], s.rms_ci["U"], limit)
+    if by_failures(one.task):
+        value, ends = s.navigation.median_azimuth
+        return Score("median heading error at the end", "deg", value / DEG, (ends[0] / DEG, ends[1] / DEG))
+    quantity = QUANTITIES[headline(one.task)]
+    value, ends = s.navigation.armse[headline(one.task)]
+    limit = one.bound_means.get(headline(one.task), math.nan) / quantity.unit
+    ends = ends[0] / quantity.unit, ends[1] / quantity.unit
+    return Score(f"{quantity.name} RMS", quantity.unit_name, value / quantity.unit, ends, limit)
+
+
+def as_data(store: Store) -> dict[str, Any]:
+    """The board of the suite, and where it is from; what is not known or infinite is null."""
+    tasks: list[dict[str, Any]] = []
+    entries: list[dict[str, Any]] = []
+    for name, group in results(store).items():
+        yardstick = next(one for one in group if one.solver == suite.YARDSTICK)
+        told = score(yardstick)
+        tasks.append(
+            {
+                "task": name,
+                "what": yardstick.task.what,
+                "score": told.name,
+                "unit": told.unit,
+                "bound": told.bound,
+                "bound_holds": bool(yardstick.bound.holds) if yardstick.bound else None,
+                "ranked_by": "failures"
+                if by_failures(yardstick.task)
+                else "score"
+                if yardstick.summary.scored
+                else None,
+                "seed": yardstick.task.suite_seed,
+            }
+        )
+        entries += [_entry(rank, one, yardstick) for rank, one in ranked(group)]
+    return {"provenance": _provenance(store), "tasks": _plain(tasks), "results": _plain(entries)}
+
+
+def _entry(rank: int, one: Results, yardstick: Results) -> dict[str, Any]:
+    s, told = one.summary, score(one)
+    nees, dof = nees_of(s)
+    return {
+        "task": one.task.name,
+        "solver": one.solver,
+        "rank": rank if s.scored else None,
+        "runs": s.runs,
+        "success": s.success,
+        "median_s": s.t_conv_median_s,
+        "score": told.value,
+        "interval": told.interval,
+        "bound_ratio": bound_ratio(one) if s.scored else None,
+        "nees": nees[-1].mean / dof if nees else None,
+        "nees_right": nees[-1].inside if nees else None,
+        "failed": round(failure_rate(one) * s.runs),
+        "cost": one.cost.ratio if one.cost else None,
+        "paired": _paired(one, yardstick),
+    }
+
+
+def _paired(one: Results, yardstick: Results) -> dict[str, Any] | None:
+    """Against the yardstick over their common runs."""
+    if one is yardstick or not one.summary.scored:
+        return None
+    found = compare(one, yardstick)
+    return {
+        "runs": found.runs,
+        **_estimate("ratio", found.ratio),
+        "apart": found.differ,
+        **_estimate("failures", found.failures),
+    }
+
+
+def _estimate(name: str, estimate: Estimate) -> dict[str, Any]:
+    return {name: estimate[0], f"{name}_interval": estimate[1]}
+
+
+def _provenance(store: Store) -> dict[str, Any]:
+    """Which code made the runs, when, on what machine, with which packages."""
+    keys = (one.key for part in suite.SUITE for one in part.evaluations())
+    sessions = {one.id: one for key in keys for one in store.sessions(key)}
+    started = sorted(one.started for one in sessions.values())
+    return {
+        "code": registry.code_version(suite.YARDSTICK),
+        "started": [started[0], started[-1]],
+        "machines": sorted({one.machine for one in sessions.values()}),
+        "versions": sessions[max(sessions)].versions,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Numbers as JSON has them, to a few digits."""
+    if isinstance(value, dict):
+        return {key: _plain(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(part) for part in value]
+    if isinstance(value, (bool, str, int)) or value is None:
+        return value
+    return float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
+
+
+def as_text(data: dict[str, Any]) -> str:
+    """JSON with a line for each task and each result, so that a change is seen where it is."""
+    parts = ['"provenance": ' + json.dumps(data["provenance"])]
+    parts += [f'"{name}": [\n' + ",\n".join(map(json.dumps, data[name])) + "\n]" for name in ("tasks", "results")]
+    return "{\n" + ",\n".join(parts) + "\n}\n"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description="the leaderboard of the default suite")
+    parser.add_argument("--db", type=Path, default=ROOT / "leaderboard.sqlite", help="results file")
+    parser.add_argument(
+        "--task", nargs="+", default=[], choices=[task.name for task in suite.tasks()], help="run these only"
+    )
+    parser.add_argument("--at-most", type=int, metavar="N", help="so many runs of each")
+    parser.add_argument("--workers", type=int, metavar="N", help="processes, default one per core")
+    parser.add_argument("--no-runs", action="store_true", help="take the file as it is")
+    parser.add_argument("--out", type=Path, metavar="DIRECTORY", help="of JSON and figures, default the project's own")
+    given = parser.parse_args(arguments)
+    keep_freed_memory()
+    with Store(given.db, read_only=given.no_runs) as store:
+        if not given.no_runs:
+            run(store, given.at_most, given.workers, given.task)
+        target = given.out / JSON.name if given.out else JSON
+        target.write_text(as_text(as_data(store)))
+        remark(f"leaderboard: {target}")
+        story.draw(results(store, whole=True), given.out or ROOT / "docs")
+
+
+if __name__ == "__main__":
+    main()

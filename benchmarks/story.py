@@ -1,0 +1,126 @@
+"""The two figures of README, from the runs of the leaderboard: what accuracy costs, and how an error ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import matplotlib
+import numpy as np
+import suite
+
+from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.outcome import remark
+from sins_env.evaluation.paired import compare
+from sins_env.evaluation.plots import COLOURS, band, bound_style, finish, new_figure, size_of
+from sins_env.evaluation.report_figures import front
+from sins_env.evaluation.words import bound_ratio
+from sins_env.specs import DEG
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Board = Mapping[str, Sequence[Results]]  #: by task
+Point = tuple[float, float]
+
+#: Tasks, what their panels say, and whom to name beside the front.
+COSTS = {
+    "sway-white-v0": ("nothing is wrong", ("ckf", "gpf", "pf", "coarse_oba", "mpf")),
+    "sway-told-wrong-v0": ("told noise is wrong", ("ckf",)),
+    "sway-anyheading-v0": ("heading unknown", ("ckf",)),
+    "flight-hotstart60-v0": ("flight, heading wrong by 60 deg (1 sigma)", ("ckf",)),
+}
+TIMES = {
+    "sway-told-wrong-v0": ("told noise is wrong", ("ckf", "aukf", "imm_ekf")),
+    "sway-anyheading-v0": ("heading unknown", ("ckf", "ckf5", "gsf_ekf")),
+}
+SAMPLES = 120  #: of a curve
+
+
+def draw(board: Board, folder: Path) -> None:
+    """``cost.svg`` and ``time.svg``, of the tasks that the board has."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, figure in (("cost", cost_figure(board)), ("time", time_figure(board))):
+        path = folder / f"{name}.svg"
+        with matplotlib.rc_context({"svg.hashsalt": name}):  # the same runs, the same file
+            figure.savefig(path, metadata={"Date": None})
+        remark(f"figure: {path}, {path.stat().st_size / 1e3:.0f} kB")
+
+
+def cost_figure(board: Board) -> Figure:
+    """Error over the bound against the cost of a step over that of ckf; the front is named."""
+    figure = new_figure(9.0, 6.6)
+    panels = figure.subplots(2, 2).ravel()
+    for axes, (task, (title, named)) in zip(panels, COSTS.items(), strict=False):
+        if task in board:
+            _costs(axes, _placed(board, task), named)
+        finish(axes, title, xscale="log", yscale="log")
+    for axes in panels[2:]:
+        axes.set_xlabel("cost of a step / ckf")
+    for axes in panels[::2]:
+        axes.set_ylabel("azimuth error / bound")
+    return figure
+
+
+def _placed(board: Board, task: str) -> dict[str, Point]:
+    """By solver cost and error; where runs are fewer than ckf's its error and the ratio over the common runs."""
+    lines = board[task]
+    yardstick = next(one for one in lines if one.solver == suite.YARDSTICK)
+    costs = _costs_of(board, navigates=yardstick.records.criteria.navigates)
+    out = {}
+    for one in lines:
+        same = len(one.records) == len(yardstick.records)
+        error = bound_ratio(one) if same else compare(one, yardstick).ratio[0] * bound_ratio(yardstick)
+        if one.solver in costs and np.isfinite(error):
+            out[one.solver] = (costs[one.solver], error)
+    return out
+
+
+def _costs_of(board: Board, navigates: bool) -> dict[str, float]:
+    """Of a step beside ckf's, measured on the one task of that kind."""
+    measured = [one for task in suite.COSTED for one in board.get(task, ()) if one.cost]
+    return {
+        one.solver: one.cost.ratio
+        for one in measured
+        if one.records.criteria.navigates == navigates and one.cost.ratio is not None
+    }
+
+
+def _costs(axes: Axes, points: Mapping[str, Point], named: Sequence[str]) -> None:
+    best = front(list(points.values()))
+    axes.step(*np.array(best).T, where="post", color=COLOURS[0], linewidth=1, linestyle=(0, (2, 2)), zorder=1)
+    axes.axhline(1.0, color="black", linewidth=1.1, zorder=1)
+    for name, point in points.items():
+        leads = point in best
+        colour = COLOURS[0] if leads else COLOURS[1] if name == suite.YARDSTICK else "0.6"
+        axes.plot(*point, "o", color=colour, markersize=6 if leads or name in named else 4, markeredgewidth=0)
+        if leads or name in named:
+            axes.annotate(name, point, (5, 4), textcoords="offset points", fontsize=9, color=colour)
+    axes.margins(x=0.15, y=0.15)
+
+
+def time_figure(board: Board) -> Figure:
+    """RMS of the azimuth error over time with 95 % bands, and the bound."""
+    figure = new_figure(9.0, 3.9)
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, (task, (title, solvers)) in zip(panels, TIMES.items(), strict=False):
+        lines = {one.solver: one for one in board.get(task, ())}
+        for i, solver in enumerate(name for name in solvers if name in lines):
+            _curve(axes, lines[solver], i)
+        finish(axes, title, xlabel="time, s", yscale="log")
+        if lines:
+            axes.legend(frameon=False, fontsize=9, loc="best")
+    panels[0].set_ylabel("azimuth error, RMS over runs, deg")
+    return figure
+
+
+def _curve(axes: Axes, one: Results, i: int) -> None:
+    t = np.asarray(one.records.criteria.history_t, dtype=float)
+    picked = np.unique(np.linspace(0, len(t) - 1, SAMPLES).round().astype(int))
+    label = f"{one.solver}, {100 * one.summary.success:.0f} % align"
+    band(axes, t[picked], size_of(one.records.history[:, picked][..., [2]], False), DEG, label, i)
+    if i == 0 and one.bound:
+        axes.plot(one.bound.t, one.bound.sigma[:, 2] / DEG, **bound_style(one.bound))
+    axes.set_xlim(0, t[-1])
