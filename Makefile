@@ -26,9 +26,9 @@ types: $(STAMP)
 
 tests: test
 
-bench: $(STAMP)  ## speed of the whole chain, and against filterpy
+bench: $(STAMP)  ## speed of the whole chain, and of the filters beside those of other packages (in .venv-peers)
 	$(BIN)/sins-env bench
-	$(BIN)/python benchmarks/filterpy_ukf.py
+	$(BIN)/python benchmarks/peers.py
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -37,4 +37,4 @@ $(STAMP): pyproject.toml
 	touch $@
 
 clean:
-	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache results.sqlite* board.png
+	rm -rf $(VENV) .venv-peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache results.sqlite* board.png

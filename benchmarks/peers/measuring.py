@@ -1,0 +1,204 @@
+"""Times every entry of every package on the same problem, in one process on one core.
+
+A block is a filter over all steps of some runs, again and again for some hundredths of a second. Every round times each
+block once, so that a busy machine slows all of them; what is reported is the median over the rounds of the CPU time. The
+first call of a block, which compiles it in JAX, is timed apart.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import gc
+import importlib
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import numpy as np
+from rich.progress import Progress
+
+from peers import flight, ours
+from peers.contest import Entry
+from peers.environment import PEERS
+from peers.problem import Problem, record
+from sins_env.memory import keep_freed_memory
+from solvers.types import Gaussian
+
+TASK = "sway-white-v0"
+BLOCK_S = 0.03  #: at least, of a block in a round
+NOISIER = 1e4  #: times Q, in a second comparison of what the filters find; it shows who forgets Q
+FEW = 4  #: runs that a package which takes one at a time filters one after another; more take as long each
+
+
+@dataclass
+class Timed:
+    """A block, and what its calls cost."""
+
+    label: str
+    call: Callable[[], Any]
+    steps: int  #: filtered by one call, over all its runs
+    first_s: float = 0.0  #: wall time of the first call
+    end: Any = None  #: what the first call returned
+    repeat: int = 1  #: calls in a round
+    seconds: list[float] = field(default_factory=list)  #: CPU time of a call, in each round
+
+    def begin(self) -> None:
+        begin = time.perf_counter()
+        self.end = self.call()
+        self.first_s = time.perf_counter() - begin
+        self.repeat = max(1, round(BLOCK_S / self.timed()))
+
+    def again(self) -> None:
+        self.seconds.append(self.timed())
+
+    def timed(self) -> float:
+        """CPU seconds of a call."""
+        begin = time.process_time()
+        for _ in range(self.repeat):
+            self.call()
+        return (time.process_time() - begin) / self.repeat
+
+    @property
+    def step_s(self) -> float:
+        return statistics.median(self.seconds) / self.steps
+
+
+@dataclass
+class Entered:
+    """An entry of a package, with its blocks by the number of runs."""
+
+    peer: str
+    entry: Entry
+    blocks: dict[int, Timed]
+
+    def row(self, sizes: Sequence[int], reference: Gaussian, noisier: dict[str, Any]) -> dict[str, Any]:
+        """``noisier``: the noisier problem, and what our filters found there."""
+        looped = not self.entry.batched
+        mean, cov = differences(reference, self.blocks[FEW if looped else sizes[0]].end)
+        loud = None
+        if not self.entry.compiled:  # for another compilation costs more than it would tell
+            loud = max(differences(noisier[self.entry.filter], self.entry.make(noisier["problem"], FEW)()))
+        return {
+            "peer": self.peer,
+            "filter": self.entry.filter,
+            "numbers": self.entry.numbers,
+            "how": self.entry.how,
+            "us_per_step": 1e6 * self.blocks[1].step_s,
+            "steps_per_s": {str(runs): 1 / self.blocks[FEW if looped else runs].step_s for runs in sizes},
+            "looped": looped,
+            "first_call_s": self.blocks[1].first_s if self.entry.compiled else None,
+            "mean_differs": mean,
+            "cov_differs": cov,
+            "noisier_differs": loud,
+            "remark": self.entry.remark,
+        }
+
+
+def differences(reference: Gaussian, end: Gaussian) -> tuple[float, float]:
+    """The largest over the runs of both of |x - x'| in standard deviations, and of |P - P'| in products of two of them."""
+    runs = min(len(reference.mean), len(end.mean))
+    std = np.sqrt(np.diagonal(reference.cov[:runs], axis1=1, axis2=2))
+    mean = np.abs(end.mean[:runs] - reference.mean[:runs]) / std
+    cov = np.abs(end.cov[:runs] - reference.cov[:runs]) / (std[:, :, None] * std[:, None])
+    return float(mean.max()), float(cov.max())
+
+
+def load(name: str, absent: dict[str, str]) -> Any:
+    """The module of a package's entries; None, with the reason in ``absent``, where the package is not there."""
+    try:
+        return importlib.import_module(f"peers.{PEERS[name].module}")
+    except ImportError as error:
+        absent[name] = f"not installed: {error}"
+        return None
+
+
+def entered(problem: Problem, peers: dict[str, Any], sizes: Sequence[int]) -> list[Entered]:
+    found = []
+    for peer, module in peers.items():
+        for entry in module.entries():
+            numbers = [1, *sizes] if entry.batched else [1, FEW]
+            label = f"{peer} {entry.filter}"
+            blocks = {n: Timed(label, entry.make(problem, n), n * problem.steps) for n in numbers}
+            found.append(Entered(peer, entry, blocks))
+    return found
+
+
+def measured(steps: int, rounds: int, sizes: Sequence[int]) -> dict[str, Any]:
+    """The result as written to the JSON."""
+    keep_freed_memory()
+    absent = {name: peer.absent for name, peer in PEERS.items() if peer.absent}
+    modules = {name: load(name, absent) for name in PEERS if name not in absent}
+    there = {name: module for name, module in modules.items() if module is not None}
+    navigator = there.pop("pyins", None)
+    loads = [os.getloadavg()[0]]
+    problem = record(TASK, max(FEW, *sizes), steps)
+    entries = entered(problem, {"sins_env": ours, **there}, sizes)
+    tape = flight.record(steps)
+    flights = {"sins_env": Timed("sins_env INS", flight.ours(tape, steps), steps)}
+    if navigator is not None:
+        flights["pyins"] = Timed("pyins INS", navigator.feedback_filter(tape, steps), steps)
+    all_timed = [t for e in entries for t in e.blocks.values()] + list(flights.values())
+    with Progress() as progress:
+        bar = progress.add_task("", total=len(all_timed) * (rounds + 1))
+        for turn in range(rounds + 1):
+            for timed in all_timed:
+                progress.update(
+                    bar, description=f"{'first calls' if turn == 0 else f'round {turn}'}: {timed.label:<16}"
+                )
+                timed.again() if turn else timed.begin()
+                progress.advance(bar)
+            gc.collect()
+    loads.append(os.getloadavg()[0])
+    reference = {e.entry.filter: e.blocks[sizes[0]].end for e in entries if e.peer == "sins_env"}
+    loud = replace(problem, Q=NOISIER * problem.Q)
+    noisier = {"problem": loud} | {e.filter: e.make(loud, FEW)() for e in ours.entries()}
+    return {
+        "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d"),
+        "machine": machine(),
+        "load": loads,
+        "versions": versions([name for name, module in modules.items() if module is not None]),
+        "absent": absent,
+        "task": TASK,
+        "steps": steps,
+        "rounds": rounds,
+        "looped_runs": FEW,
+        "noisier": NOISIER,
+        "rows": [e.row(sizes, reference[e.entry.filter], noisier) for e in entries],
+        "flight": {
+            "task": flight.TASK,
+            "us_per_step": {name: 1e6 * timed.step_s for name, timed in flights.items()},
+            "differs": {n: flight.apart(flights["sins_env"].end, t.end) for n, t in flights.items() if n != "sins_env"},
+        },
+    }
+
+
+def versions(names: Sequence[str]) -> dict[str, str]:
+    """Of the packages, and of what they count on."""
+    found = {name: version(PEERS[name].distribution) for name in names}
+    for name in ("numpy", "scipy", "jax"):
+        with contextlib.suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
+
+
+def machine() -> dict[str, Any]:
+    return {
+        "processor": processor(),
+        "cores": os.cpu_count(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+    }
+
+
+def processor() -> str:
+    try:
+        with open("/proc/cpuinfo") as lines:
+            return next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor()

@@ -1,0 +1,103 @@
+"""dynamax: its Kalman, extended, unscented and conditional-moments filters, a whole record in one compiled scan.
+
+They correct before they predict, so that each is started with the prediction of the first epoch. The conditional-moments
+filter with the unscented rule at alpha = 1, beta = kappa = 0 is the cubature filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from dynamax.generalized_gaussian_ssm import ParamsGGSSM, UKFIntegrals, conditional_moments_gaussian_filter
+from dynamax.linear_gaussian_ssm import lgssm_filter
+from dynamax.linear_gaussian_ssm.inference import make_lgssm_params
+from dynamax.nonlinear_gaussian_ssm import (
+    ParamsNLGSSM,
+    UKFHyperParams,
+    extended_kalman_filter,
+    unscented_kalman_filter,
+)
+
+from peers import ours
+from peers.contest import UKF, Block, Entry
+from peers.plain_map import advance
+from peers.problem import Problem
+from solvers.filters import make_filter
+from solvers.types import Gaussian, Linear, Transition
+
+DISTRIBUTION = "dynamax"
+KEPT = ["filtered_means", "filtered_covariances"]
+
+One = Callable[..., Any]  #: (P0, predicted mean, its covariance, model of each step, fixes) -> posterior
+
+
+def dynamics(x: jax.Array, epoch: jax.Array) -> jax.Array:
+    return jnp.stack(advance(x, epoch, jnp))
+
+
+def seen(x: jax.Array, epoch: jax.Array) -> jax.Array:
+    return x[:2]
+
+
+def kf(problem: Problem, mean: jax.Array, cov: jax.Array, F: jax.Array, z: jax.Array) -> Any:
+    return lgssm_filter(make_lgssm_params(mean, cov, F, problem.Q, problem.H, problem.R), z)
+
+
+def ekf(problem: Problem, mean: jax.Array, cov: jax.Array, epochs: jax.Array, z: jax.Array) -> Any:
+    model = ParamsNLGSSM(mean, cov, dynamics, problem.Q, seen, problem.R)
+    return extended_kalman_filter(model, z, inputs=epochs, output_fields=KEPT)
+
+
+def ukf(problem: Problem, mean: jax.Array, cov: jax.Array, epochs: jax.Array, z: jax.Array) -> Any:
+    model = ParamsNLGSSM(mean, cov, dynamics, problem.Q, seen, problem.R)
+    return unscented_kalman_filter(model, z, UKFHyperParams(**UKF), inputs=epochs, output_fields=KEPT)
+
+
+def ckf(problem: Problem, mean: jax.Array, cov: jax.Array, epochs: jax.Array, z: jax.Array) -> Any:
+    model = ParamsGGSSM(mean, cov, dynamics, problem.Q, seen, lambda x, epoch: problem.R)
+    return conditional_moments_gaussian_filter(model, UKFIntegrals(1.0, 0.0, 0.0), z, inputs=epochs)
+
+
+def predicted(name: str, problem: Problem, runs: int) -> Gaussian:
+    """After the first epoch, by our filter of the same kind: (runs, 10), (runs, 10, 10)."""
+    filter = make_filter(name, **ours.SETTINGS[name])
+    f = Linear(problem.F[0, :runs]) if name == "kf" else problem.maps(slice(0, runs))[0]
+    belief = filter.init(Gaussian(np.zeros((runs, 10)), problem.P0), None)
+    return filter.estimate(filter.predict(belief, Transition(f, problem.Q)))
+
+
+def filter_runs(name: str, problem: Problem, runs: int) -> Block:
+    filtered = {"kf": kf, "ekf": ekf, "ukf": ukf, "ckf": ckf}[name]
+    model = problem.F if name == "kf" else problem.epochs
+
+    def one(mean: jax.Array, cov: jax.Array, steps: jax.Array, z: jax.Array) -> Gaussian:
+        posterior = filtered(problem, mean, cov, steps, z)
+        return Gaussian(posterior.filtered_means[-1], posterior.filtered_covariances[-1])
+
+    first = predicted(name, problem, runs)
+    given = [jnp.asarray(a) for a in (*first, model[:, :runs], problem.z[:, :runs])]
+    if runs == 1:
+        alone, given = jax.jit(one), [given[0][0], given[1][0], given[2][:, 0], given[3][:, 0]]
+        return lambda: Gaussian(*(np.asarray(a)[None] for a in alone(*given)))
+    many = jax.jit(jax.vmap(one, in_axes=(0, 0, 1, 1)))
+    return lambda: Gaussian(*(np.asarray(a) for a in many(*given)))
+
+
+def entries() -> list[Entry]:
+    return [
+        Entry(
+            name.upper(),
+            "JAX",
+            "a scan, vmap over runs",
+            partial(filter_runs, name),
+            batched=True,
+            compiled=True,
+            remark="which adds 1e-9 to the diagonal of the innovation's covariance",
+        )
+        for name in ours.SETTINGS
+    ]

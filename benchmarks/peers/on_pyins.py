@@ -1,0 +1,87 @@
+"""pyins: ``run_feedback_filter`` on the flight. Its frames are North-East-Down and Front-Right-Down, its angles degrees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from pyins.filters import run_feedback_filter
+from pyins.inertial_sensor import EstimationModel
+from pyins.measurements import NedVelocity, Position
+
+from peers.flight import Flown, Tape
+from sins_env import attitude
+from sins_env.types import NavState
+from solvers.types import Array
+
+DISTRIBUTION = "python-ins"
+
+LLA, VELOCITY, ANGLES = ["lat", "lon", "alt"], ["VN", "VE", "VD"], ["roll", "pitch", "heading"]
+INCREMENT = ["theta_x", "theta_y", "theta_z", "dv_x", "dv_y", "dv_z"]
+
+
+def swapped(v: Array) -> Array:
+    """(..., 3) East-North-Up to North-East-Down, and Right-Front-Up to Front-Right-Down."""
+    return v[..., [1, 0, 2]] * np.array([1.0, 1.0, -1.0])
+
+
+def degrees(pos: Array) -> Array:
+    return np.concatenate([np.degrees(pos[..., :2]), pos[..., 2:]], axis=-1)
+
+
+def feedback_filter(tape: Tape, steps: int) -> Callable[[], Flown]:
+    """One increment more than ``steps`` is given: pyins corrects by a fix when the next increment comes."""
+    task = tape.task
+    assert task.start is not None
+    times = np.array([obs["t"][0] for obs in tape.observations[: steps + 1]])
+    increments = pd.DataFrame(
+        np.array(
+            [np.concatenate([swapped(o["dtheta"][0]), swapped(o["dvel"][0])]) for o in tape.observations[: steps + 1]]
+        ),
+        index=times,
+        columns=INCREMENT,
+    )
+    increments["dt"] = task.epoch_s
+    fixes = tape.observations[:steps]
+    positions = pd.DataFrame(degrees(np.array([o["gps_pos"] for o in fixes])), index=times[:steps], columns=LLA)
+    velocities = pd.DataFrame(swapped(np.array([o["gps_vel"] for o in fixes])), index=times[:steps], columns=VELOCITY)
+    R = np.sqrt(np.diagonal(task.prior.R))
+    measurements = [Position(positions, R[3:]), NedVelocity(velocities, R[0])]
+    std = np.sqrt(np.diagonal(task.prior.P0))
+    noise = np.sqrt(np.diagonal(task.prior.Q) / task.epoch_s)
+    start = as_pva(task.start, times[0] - task.epoch_s)
+
+    def block() -> Flown:
+        result = run_feedback_filter(
+            start,
+            position_sd=std[6],
+            velocity_sd=std[3],
+            level_sd=np.degrees(std[0]),
+            azimuth_sd=np.degrees(std[2]),
+            increments=increments,
+            gyro_model=EstimationModel(bias_sd=std[9], noise=noise[0]),
+            accel_model=EstimationModel(bias_sd=std[12], noise=noise[3]),
+            measurements=measurements,
+            time_step=task.epoch_s,
+        )
+        return Flown(as_state(result.trajectory.iloc[steps]))
+
+    return block
+
+
+def as_pva(nav: NavState, time: float) -> Any:
+    heading, pitch, roll = attitude.to_euler(attitude.to_dcm(nav.q_nb))
+    values = [*degrees(nav.pos), *swapped(nav.vel), *np.degrees([roll, pitch, heading])]
+    return pd.Series(values, index=LLA + VELOCITY + ANGLES, name=time)
+
+
+def as_state(pva: Any) -> NavState:
+    lat, lon, alt = pva[LLA]
+    roll, pitch, heading = np.radians(pva[ANGLES].to_numpy())
+    return NavState(
+        attitude.from_euler(heading, pitch, roll),
+        swapped(pva[VELOCITY].to_numpy()),
+        np.array([np.radians(lat), np.radians(lon), alt]),
+    )

@@ -1,0 +1,201 @@
+"""The result as tables: one row a filter for the terminal and ``--md``, one row a package for the README."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from peers.features import FEATURES, PACKAGES
+
+FILTERS = ("KF", "EKF", "UKF", "CKF")
+SAME = 1e-8  #: standard deviations up to which two filters are told to be the same
+CLEARLY = 1.1  #: times as fast, from which on one is told to be faster
+BUSY = 1.5  #: load above which the machine was not quiet; one is the measurement's own
+
+Result = Mapping[str, Any]
+
+
+def headings(result: Result) -> list[str]:
+    sizes = [f"{int(runs):,} runs" for runs in result["rows"][0]["steps_per_s"]]
+    return ["package", "filter", "1 run", *sizes, "mean off", "cov. off", "compiles"]
+
+
+def cells(row: Result) -> list[str]:
+    loop = " *" if row["looped"] else "  "
+    return [
+        f"{row['peer']}, {row['numbers']}",
+        row["filter"],
+        digits(row["us_per_step"]),
+        *(f"{digits(value / 1e3)}{loop}" for value in row["steps_per_s"].values()),
+        power(row["mean_differs"]),
+        power(row["cov_differs"]),
+        "" if row["first_call_s"] is None else f"{row['first_call_s']:.1f} s",
+    ]
+
+
+def digits(value: float) -> str:
+    """Two, with thousands set off."""
+    return f"{float(f'{value:.2g}'):,.{max(0, 1 - math.floor(math.log10(value)))}f}"
+
+
+def power(value: float) -> str:
+    """One digit: 2e-7."""
+    return f"{value:.0e}".replace("e-0", "e-") if value else "0"
+
+
+def conditions(result: Result) -> list[str]:
+    """How to read the table of all filters."""
+    return [
+        f"{result['task']}: ten states, two measurements, {result['steps']} steps. One core; CPU time, median of "
+        f"{result['rounds']} interleaved rounds. One run: microseconds per step. More: thousand run-steps per second; "
+        f"* one run after another, timed on {result['looped_runs']} of them. Compiles: the first call.",
+        "Off: the largest difference at the end from our filter of the same kind, in standard deviations.",
+    ]
+
+
+def notes(result: Result) -> list[str]:
+    """What is to be known beside the times."""
+    return [
+        *differing(result),
+        *whole_ins(result),
+        *(f"{name}: not measured, {why}." for name, why in result["absent"].items()),
+        where(result),
+    ]
+
+
+def differing(result: Result) -> list[str]:
+    """Which filters are not the same as ours of the same kind, and why."""
+    why: dict[str, list[str]] = {}
+    for row in result["rows"]:
+        noisier = row["noisier_differs"] or 0.0
+        if worst(row) > SAME or noisier > SAME:
+            found = f"{row['filter']} {power(worst(row))}"
+            loud = f" ({power(noisier)} with {result['noisier']:,.0f} times the Q)" if noisier > SAME else ""
+            name = f"{row['peer']}, {row['remark']}" if row["remark"] else row["peer"]
+            why.setdefault(name, []).append(found + loud)
+    lines = [f"{name}: {', '.join(found)} standard deviations." for name, found in why.items()]
+    if not lines:
+        return [f"All agree with our filters of the same kind within {power(SAME)} standard deviations."]
+    return [f"All but these agree with our filters of the same kind within {power(SAME)} standard deviations.", *lines]
+
+
+def whole_ins(result: Result) -> list[str]:
+    """pyins has no filter for one's own model: it is compared as a whole."""
+    flight = result["flight"]
+    if "pyins" not in flight["us_per_step"]:
+        return []
+    ours, pyins = (digits(flight["us_per_step"][name] / 1e3) for name in ("sins_env", "pyins"))
+    return [
+        f"pyins is a whole INS with GPS of 15 states. On `{flight['task']}` it takes {pyins} ms per epoch, of one increment "
+        f"and one fix, and sins_env's `ekf` {ours} ms; their ends are {flight['differs']['pyins']:.1g} standard deviations apart."
+    ]
+
+
+def worst(row: Result) -> float:
+    return float(max(row["mean_differs"], row["cov_differs"]))
+
+
+def where(result: Result) -> str:
+    machine = result["machine"]
+    versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
+    load = max(result["load"])
+    busy = f"; the machine was busy (load {load:.1f}): the times are long, the ratios better" if load > BUSY else ""
+    return (
+        f"{result['date']}, {machine['processor']}, {machine['cores']} cores, {machine['system']}, "
+        f"Python {machine['python']}, {versions}{busy}."
+    )
+
+
+def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 1) -> str:
+    rule = ["---" if i < text_columns else "---:" for i in range(len(head))]
+    return "\n".join("| " + " | ".join(line) + " |" for line in (head, rule, *rows))
+
+
+def document(result: Result) -> str:
+    """Every filter, as Markdown."""
+    rows = [[*cells(row)[:2], row["how"], *cells(row)[2:]] for row in result["rows"]]
+    head = headings(result)
+    table = markdown_table([*head[:2], "how", *head[2:]], rows, text_columns=3)
+    return "\n\n".join([table, bullets([*conditions(result), *notes(result)])]) + "\n"
+
+
+def bullets(lines: Sequence[str]) -> str:
+    return "\n".join(wrapped(f"- {line}", "  ") for line in lines)
+
+
+def wrapped(line: str, indent: str = "") -> str:
+    """As wide as the README's prose."""
+    return textwrap.fill(line, 132, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+
+
+def feature_table() -> str:
+    rows = [
+        [feature.name, *(feature.marks[p].text if p in feature.marks else "" for p in PACKAGES)] for feature in FEATURES
+    ]
+    return markdown_table(["", *PACKAGES], rows, text_columns=len(PACKAGES) + 1)
+
+
+def speed_table(result: Result) -> str:
+    """One row a package, each filter's microseconds per step at one run, and thousand run-steps per second at many."""
+    most = list(result["rows"][0]["steps_per_s"])[-1]
+    packages: dict[tuple[str, str], dict[str, Result]] = {}
+    for row in result["rows"]:
+        packages.setdefault((row["peer"], row["numbers"]), {})[row["filter"]] = row
+    lines = []
+    for (peer, numbers), found in packages.items():
+        alone = [digits(found[f]["us_per_step"]) if f in found else "" for f in FILTERS]
+        many = [digits(found[f]["steps_per_s"][most] / 1e3) if f in found else "" for f in FILTERS]
+        lines.append([f"{peer}, {numbers}", *alone, *many])
+    head = ["", *(f"{f}, us" for f in FILTERS), *(f"{f}, k/s" for f in FILTERS)]
+    return markdown_table(head, lines)
+
+
+def section(result: Result) -> str:
+    """What stands in the README."""
+    most = int(list(result["rows"][0]["steps_per_s"])[-1])
+    return "\n\n".join(
+        [
+            feature_table(),
+            "An empty field: not found. `benchmarks/peers/features.py` names the file behind each entry.",
+            wrapped(
+                f"Speed on the same problem, the alignment of `{result['task']}`: microseconds per step of one run, then "
+                f"thousand run-steps per second of {most:,} runs, on one core (`python benchmarks/peers.py`, median of "
+                f"{result['rounds']} interleaved rounds, compilation apart):"
+            ),
+            speed_table(result),
+            bullets([*faster(result), *notes(result)]),
+        ]
+    )
+
+
+def faster(result: Result) -> list[str]:
+    """Who is faster than we are, by how much, and who is not."""
+    ours = {r["filter"]: r for r in result["rows"] if r["peer"] == "sins_env"}
+    others = [r for r in result["rows"] if r["peer"] != "sins_env"]
+    most = list(ours["KF"]["steps_per_s"])[-1]
+    alone = [(r, ours[r["filter"]]["us_per_step"] / r["us_per_step"]) for r in others]
+    many = [(r, r["steps_per_s"][most] / ours[r["filter"]]["steps_per_s"][most]) for r in others]
+    slow = [1 / ratio for row, ratio in many if row["looped"]]
+    lines = [f"Faster than sins_env with one run: {listed(alone)}.", f"With {int(most):,} runs: {listed(many)}."]
+    if slow:
+        lines.append(
+            f"The packages that take one run at a time need {digits(min(slow))} to {digits(max(slow))} times as long on many."
+        )
+    if any(r["numbers"] == "JAX" for r in others):
+        first = [r["first_call_s"] for r in others if r["first_call_s"] is not None]
+        lines.append(
+            "On JAX a whole record is one compiled call: it is not stepped fix by fix, as an environment wants it, "
+            f"and compiles first, here for {min(first):.1f} to {max(first):.1f} s."
+        )
+    return lines
+
+
+def listed(ratios: Sequence[tuple[Result, float]]) -> str:
+    """Grouped by package: dynamax (JAX) KF 12, EKF 13 times."""
+    found: dict[str, list[str]] = {}
+    for row, ratio in ratios:
+        if ratio > CLEARLY:
+            found.setdefault(f"{row['peer']} ({row['numbers']})", []).append(f"{row['filter']} {digits(ratio)}")
+    return "; ".join(f"{name} {', '.join(each)} times" for name, each in found.items()) if found else "none"
