@@ -9,7 +9,9 @@ from oracles import recorded
 
 from sins_env import attitude
 from sins_env.evaluation import evaluate, registry
-from sins_env.evaluation.reproduction import car_fine, car_interference, get_table, readings, running
+from sins_env.evaluation.reproduction import car_readings as readings
+from sins_env.evaluation.reproduction import get_table, running
+from sins_env.evaluation.reproduction.documents import car_fine, car_interference
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
 from sins_env.evaluation.scoring import Criteria, score
 from sins_env.evaluation.store import Store

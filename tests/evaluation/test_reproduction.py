@@ -9,7 +9,8 @@ import pytest
 from scipy import stats
 
 from sins_env.evaluation import monte_carlo, reproduction
-from sins_env.evaluation.reproduction import car_coarse, get_table, names
+from sins_env.evaluation.reproduction import get_table, names
+from sins_env.evaluation.reproduction.documents import car_coarse
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
 from sins_env.evaluation.reproduction.verdicts import (
     IN_ORDER,

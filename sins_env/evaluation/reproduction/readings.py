@@ -1,125 +1,132 @@
-"""What the tables of the parked car read off their runs."""
+"""What tables read off their runs: errors at a time, over time, against those of another filter, and cost."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env import attitude
+from sins_env.evaluation import paired, quantities
 from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.records import Records
-from sins_env.evaluation.reproduction.verdicts import Estimate, root_mean_square
-from sins_env.evaluation.resampling import percentile_interval, resampled_medians
+from sins_env.evaluation.navigation import bound_means
+from sins_env.evaluation.reproduction.verdicts import NOTHING, Estimate, mean, root_mean_square
 
 Array = NDArray[np.float64]
 Reader = Callable[..., Estimate]
-
-NOTHING = Estimate(np.nan, np.nan, np.nan, 0)
-ANGLES = ("heading", "pitch", "roll")
 
 
 def end_errors(results: Results, points: int = 0) -> Array:
     """Misalignment E, N, U at the end, or its mean over the last ``points`` seconds: (R, 3) rad; NaN for lost runs."""
     records = results.records
-    phi = records.history[:, -points:].mean(axis=1, dtype=np.float64) if points else records.final
+    phi = records.history[:, -points:, :3].mean(axis=1, dtype=np.float64) if points else records.final
     return np.where(records.unfinished[:, None], np.nan, phi)
 
 
-def whole(read: Reader) -> Reader:
-    """A reader of all runs."""
-    return read
+def errors_at(results: Results, t_s: float, over_s: float = 0.0) -> Array:
+    """Errors at a time from switch-on, or their mean over so many seconds before it: (R, components); NaN for lost runs."""
+    records, t = results.records, np.asarray(results.records.criteria.history_t)
+    last = int(np.argmin(np.abs(t - t_s)))
+    first = int(np.searchsorted(t, t_s - over_s + 1e-6)) if over_s else last
+    errors = records.history[:, first : last + 1].mean(axis=1, dtype=np.float64)
+    return np.where(records.unfinished[:, None], np.nan, errors)
 
 
-def of_records(part: slice, read: Reader) -> Reader:
-    """A reader of the runs of some of the task's records alone."""
-
-    def of_part(results: Results) -> Estimate:
-        records, number = results.records, results.task.records
-        rows = [records.row(int(i)) for i in np.flatnonzero(np.isin(records.run % number, np.arange(number)[part]))]
-        return read(replace(results, records=Records.of_rows(records.criteria, rows))) if rows else NOTHING
-
-    return of_part
+def bound_at(results: Results, component: int, t_s: float) -> float:
+    """1-sigma error that the bound leaves at a time; NaN where there is none, or it is but a reference."""
+    bound = results.bound
+    if bound is None or not bound.holds:
+        return math.nan
+    return float(np.interp(t_s, bound.t, bound.sigma[:, component]))
 
 
-def azimuth(points: int = 0, about_mean: bool = True) -> Reader:
-    """Reads the azimuth error at the end, deg: its standard deviation over runs, or its RMS."""
-
-    def read(results: Results) -> Estimate:
-        return root_mean_square(np.degrees(end_errors(results, points)[:, 2]), about_mean)
-
-    return read
-
-
-def angles(results: Results, points: int = 0) -> tuple[Array, Array]:
-    """Heading, pitch and roll at the end, (R, 3) rad each: as estimated, and the true ones.
-
-    On a simulated car they count from its place, which is another one in each run: from the true angles at switch-on.
-    """
-    task, records = results.task, results.records
-    env = task.make(len(records))
-    task.reset(env, records.run.tolist())
-    world = env.unwrapped.episode.world  # type: ignore[attr-defined]
-    true = world.truth_at(records.criteria.num_epochs).q_nb
-    found = attitude.multiply(attitude.misalignment_quaternion(end_errors(results, points)), true)
-    place = np.zeros(3) if task.windows else _euler(world.truth_at(0).q_nb)
-    env.close()
-    return attitude.wrap(_euler(found) - place), attitude.wrap(_euler(true) - place)
-
-
-def _euler(q: Array) -> Array:
-    return np.stack(attitude.to_euler(attitude.to_dcm(q)), axis=-1)
-
-
-def level(name: str, what: str, points: int = 0) -> Reader:
-    """Reads the standard deviation over runs, deg, of an angle at the end: "found", "true", or their difference "error"."""
+def error(component: int, unit: float, t_s: float, over_s: float = 0.0) -> Reader:
+    """Reads the RMS over runs of a component of the error at a time, with its bound."""
 
     def read(results: Results) -> Estimate:
-        found, true = (part[:, ANGLES.index(name)] for part in angles(results, points))
-        return root_mean_square(
-            np.degrees({"found": found, "true": true, "error": found - true}[what]), about_mean=True
-        )
+        bound = bound_at(results, component, t_s) / unit
+        return root_mean_square(errors_at(results, t_s, over_s)[:, component] / unit, bound=bound)
 
     return read
 
 
-def excursion(after_s: float) -> Reader:
-    """Reads what a disturbance after ``after_s`` s did to the azimuth at most, deg RMS over runs.
-
-    That is the largest difference from the same run without it, same sensors and same car.
-    """
-
-    def read(disturbed: Results, quiet: Results) -> Estimate:
-        return root_mean_square(_since(disturbed, quiet, after_s).max(axis=1))
-
-    return read
+def mean_error(component: int, unit: float, t_s: float) -> Reader:
+    """Reads the mean over runs of a component of the error at a time."""
+    return lambda results: mean(errors_at(results, t_s)[:, component] / unit)
 
 
-def left(disturbed: Results, quiet: Results) -> Estimate:
-    """What is left of it at the end, deg RMS over runs."""
-    return root_mean_square(np.degrees(end_errors(disturbed)[:, 2] - end_errors(quiet)[:, 2]))
+def spread_of_error(component: int, unit: float, t_s: float) -> Reader:
+    """Reads the standard deviation over runs of a component of the error at a time."""
 
-
-def recovery(after_s: float, within_deg: float) -> Reader:
-    """Reads how long after ``after_s`` s the difference stays beyond ``within_deg``, s: the median over runs."""
-
-    def read(disturbed: Results, quiet: Results) -> Estimate:
-        away = _since(disturbed, quiet, after_s)
-        known = away[np.isfinite(away).all(axis=1)]
-        if len(known) < 2:
-            return Estimate(np.nan, np.nan, np.nan, len(known), len(away) - len(known))
-        beyond = np.arange(1, away.shape[1] + 1) * (known > within_deg)
-        times = beyond.max(axis=1).astype(float)
-        low, high = percentile_interval(resampled_medians(times))
-        return Estimate(float(np.median(times)), low, high, len(known), len(away) - len(known))
+    def read(results: Results) -> Estimate:
+        bound = bound_at(results, component, t_s) / unit
+        return root_mean_square(errors_at(results, t_s)[:, component] / unit, about_mean=True, bound=bound)
 
     return read
 
 
-def _since(disturbed: Results, quiet: Results, after_s: float) -> Array:
-    """|difference in azimuth| from after_s on, deg, (R, seconds); of a lost run it is NaN."""
-    difference = disturbed.records.history[:, :, 2].astype(np.float64) - quiet.records.history[:, :, 2]
-    later = disturbed.records.criteria.history_t > after_s + 1e-6
-    return np.degrees(np.abs(attitude.wrap(difference[:, later])))
+def apart(component: int, unit: float, t_s: float, over_s: float = 0.0) -> Reader:
+    """Reads how far two filters are apart at a time in the same run: RMS over runs of the difference of their errors."""
+
+    def read(one: Results, other: Results) -> Estimate:
+        mine, its = paired.common(one.records, other.records)
+        a, b = (errors_at(r, t_s, over_s)[rows, component] / unit for r, rows in ((one, mine), (other, its)))
+        return root_mean_square(a - b)
+
+    return read
+
+
+def quotient(component: int, t_s: float, over_s: float = 0.0) -> Reader:
+    """Reads the RMS of a component of the error at a time over that of another filter in the same runs."""
+
+    def read(one: Results, other: Results) -> Estimate:
+        mine, its = paired.common(one.records, other.records)
+        a, b = (errors_at(r, t_s, over_s)[rows, component] for r, rows in ((one, mine), (other, its)))
+        known = np.isfinite(a) & np.isfinite(b)
+        return _estimate(paired.ratio_of_rms(a[known], b[known]), int(known.sum()), int((~known).sum()))
+
+    return read
+
+
+def armse(name: str) -> Reader:
+    """Reads the time mean of the RMS over runs of a quantity of navigation, in its unit, with its bound."""
+
+    def read(results: Results) -> Estimate:
+        unit = quantities.find(name, True).unit
+        found, runs = results.summary.navigation, len(results.records)
+        assert found is not None
+        value, (low, high) = found.armse[name]
+        bound = results.bound
+        least = bound_means(results.records, bound)[name] if bound and bound.holds else math.nan
+        return Estimate(value / unit, low / unit, high / unit, runs, 0, least / unit)
+
+    return read
+
+
+def ratio(name: str) -> Reader:
+    """Reads the RMS over runs and time of a quantity over that of another filter in the same runs."""
+
+    def read(one: Results, other: Results) -> Estimate:
+        mine, its = paired.common(one.records, other.records)
+        a, b = (quantities.run_errors(r.records, name)[0][rows] for r, rows in ((one, mine), (other, its)))
+        return _estimate(paired.ratio_of_rms(a, b), len(mine))
+
+    return read
+
+
+def cost(results: Results) -> Estimate:
+    """Reads what a step costs, relative to ckf in the same process; a measurement has no interval over runs."""
+    found = results.cost.ratio if results.cost else None
+    return Estimate(found, found, found, 1) if found is not None else NOTHING
+
+
+def cost_against(one: Results, other: Results) -> Estimate:
+    """Reads what a step costs, relative to that of another filter."""
+    a, b = cost(one).value, cost(other).value
+    return Estimate(a / b, a / b, a / b, 1)
+
+
+def _estimate(found: paired.Estimate, runs: int, lost: int = 0) -> Estimate:
+    value, (low, high) = found
+    return Estimate(value, low, high, runs, lost)

@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import chain
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from sins_env.evaluation import registry
+from sins_env.evaluation.cost import measure_cost
 from sins_env.evaluation.filling import Evaluation, fill
-from sins_env.evaluation.reproduction.tables import Group, Line, Outcome, Table
+from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.reproduction.tables import Group, Outcome, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import verdicts
 from sins_env.evaluation.store import Key, Store
 
 
+class Drawn(NamedTuple):
+    """A picture and the results behind it."""
+
+    picture: Picture
+    results: tuple[Results, ...]
+
+
+class Made(NamedTuple):
+    """A table that was run."""
+
+    table: Table
+    outcomes: tuple[Outcome, ...]
+    pictures: tuple[Drawn, ...]
+
+
 def run_tables(
     tables: Sequence[Table], store: Store, runs: int | None = None, *, quick: bool = False, workers: int | None = None
-) -> list[list[Outcome]]:
-    """The outcomes of the groups of each table; what the file holds already is not run again.
+) -> list[Made]:
+    """The outcomes of the groups of each table, and what its pictures show; what the file holds already is not run again.
 
     Args:
         runs: of every group; None is each group's own number. A recording has its windows.
@@ -26,58 +42,88 @@ def run_tables(
         ValueError: a task of an earlier version in the file, settings that do not fit.
         KeyboardInterrupt: chunks that had ended are stored.
     """
-    plans = [
-        [_plan(group, runs or (group.quick if quick else group.runs)) for group in table.groups] for table in tables
-    ]
+    plans = [_Plan(table, runs, quick) for table in tables]
     wanted: dict[Key, Evaluation] = {}
-    for one in (one for plan in chain(*plans) for of_line in plan.evaluations for one in of_line):
+    for one in (one for plan in plans for one in plan.evaluations()):
         wanted[one.key] = max(one, wanted.get(one.key, one), key=lambda each: len(each.runs))
     for task in {one.task.name: one.task for one in wanted.values()}.values():
         store.add_task(task)
     fill(store, list(wanted.values()), workers=workers, cost=False, resume="the same command continues")
-    return [[_outcome(plan, store) for plan in table] for table in plans]
+    for one in (one for plan in plans for one in plan.timed()):
+        if store.results(one.key, one.runs[:1]).cost is None and (cost := measure_cost(*one[:3])):
+            store.add_cost(one.key, cost)
+    shelf = _Shelf(store)
+    return [plan.made(shelf) for plan in plans]
 
 
-class _Plan(NamedTuple):
-    group: Group
-    evaluations: tuple[
-        tuple[Evaluation, ...], ...
-    ]  #: of each line, one for each of its tasks; none if it cannot be run
-    missing: str = ""  #: why it cannot
+class _Shelf:
+    """Results of a file, each read once: their summaries are kept with them."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._read: dict[tuple[Key, int], Results] = {}
+
+    def __call__(self, one: Evaluation) -> Results:
+        name = one.key, len(one.runs)
+        if name not in self._read:
+            self._read[name] = self._store.results(one.key, one.runs)
+        return self._read[name]
 
 
-def _plan(group: Group, runs: int) -> _Plan:
-    missing = _missing(group)
-    if missing:
-        return _Plan(group, (), missing)
-    return _Plan(group, tuple(_evaluations(line, runs) for line in group.lines))
+class _Plan:
+    """What a table needs."""
+
+    def __init__(self, table: Table, runs: int | None, quick: bool) -> None:
+        self.table = table
+        self._groups = [
+            (group, runs or (group.quick if quick else group.runs), _missing(group)) for group in table.groups
+        ]
+        self._pictures = [(p, runs or (p.quick if quick else p.runs)) for p in table.pictures]
+
+    def evaluations(self) -> Iterable[Evaluation]:
+        for group, runs, missing in self._groups:
+            for line in group.lines if not missing else ():
+                yield from (_evaluation(source, runs) for source in line.sources)
+        for picture, runs in self._pictures:
+            yield from _of_picture(picture, runs)
+
+    def timed(self) -> Iterable[Evaluation]:
+        for group, runs, missing in self._groups:
+            for line in group.lines:
+                if line.timed and not missing:
+                    yield from (_evaluation(source, runs) for source in line.sources)
+
+    def made(self, shelf: _Shelf) -> Made:
+        outcomes = tuple(_outcome(group, runs, missing, shelf) for group, runs, missing in self._groups)
+        pictures = tuple(Drawn(p, tuple(map(shelf, _of_picture(p, runs)))) for p, runs in self._pictures)
+        return Made(self.table, outcomes, pictures)
 
 
 def _missing(group: Group) -> str:
     """Why a group cannot be run: the recording is not there. Solvers and settings that do not fit are errors."""
-    for line in group.lines:
-        registry.make(line.solver, line.settings)
+    for task, solver, settings in (source for line in group.lines for source in line.sources):
+        registry.make(solver, settings)
         try:
-            for task in line.tasks:
-                task.make(1).close()
+            task.make(1).close()
         except FileNotFoundError as error:
             return str(error)
     return ""
 
 
-def _evaluations(line: Line, runs: int) -> tuple[Evaluation, ...]:
-    return tuple(
-        Evaluation.of(task, line.solver, line.settings, range(min(runs, task.max_runs or runs)), None)
-        for task in line.tasks
-    )
+def _evaluation(source: Source, runs: int) -> Evaluation:
+    most = source.task.max_runs or runs
+    return Evaluation.of(source.task, source.solver, source.settings, range(min(runs, most)), None)
 
 
-def _outcome(plan: _Plan, store: Store) -> Outcome:
-    if plan.missing:
-        return Outcome(plan.group, (), (), plan.missing)
-    lines = plan.group.lines
-    ours = tuple(
-        line.read(*(store.results(one.key, one.runs) for one in of_line))
-        for line, of_line in zip(lines, plan.evaluations, strict=True)
-    )
-    return Outcome(plan.group, ours, tuple(verdicts([line.printed for line in lines], ours)))
+def _of_picture(picture: Picture, runs: int) -> list[Evaluation]:
+    return [*(_evaluation(one, runs) for one in picture.sources), *(_evaluation(one, 1) for one in picture.singles)]
+
+
+def _outcome(group: Group, runs: int, missing: str, shelf: _Shelf) -> Outcome:
+    if missing:
+        return Outcome(group, (), (), missing)
+    if group.compute:
+        ours = tuple(group.compute(runs))
+    else:
+        ours = tuple(line.read(*(shelf(_evaluation(source, runs)) for source in line.sources)) for line in group.lines)
+    return Outcome(group, ours, tuple(verdicts([line.printed for line in group.shown], ours)))

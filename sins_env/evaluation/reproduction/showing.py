@@ -1,7 +1,8 @@
-"""Reproduced tables in the terminal and as Markdown: printed, ours with its 95 % interval, verdict."""
+"""Reproduced tables in the terminal and as Markdown: printed, ours with its 95 % interval, the bound, verdict."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from rich.console import Group as Lines
@@ -12,18 +13,31 @@ from rich.text import Text
 
 from sins_env.evaluation.outcome import titled
 from sins_env.evaluation.reproduction.tables import Outcome, Table
-from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, REPRODUCED
+from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, OPEN, REPRODUCED, Estimate
 from sins_env.evaluation.words import number
 
-_STYLES = {REPRODUCED: "green", IN_ORDER: "yellow", NOT: "red"}
+_STYLES = {REPRODUCED: "green", IN_ORDER: "yellow", OPEN: "yellow", NOT: "red"}
+_HEADS = ("printed", "ours [95 %]", "bound", "verdict")
 
 
-def _cells(outcome: Outcome) -> Iterator[tuple[str, str, str, str]]:
-    """Label, printed, ours and verdict of each line."""
-    for line, ours, verdict in zip(outcome.group.lines, outcome.ours, outcome.verdicts, strict=True):
-        printed = number(line.printed.value) if line.printed else "-"
-        lost = f", {ours.lost} lost" if ours.lost else ""
-        yield line.label, printed, f"{number(ours.value)} [{number(ours.low)}, {number(ours.high)}]{lost}", verdict
+def estimate_text(ours: Estimate) -> str:
+    """A value with its interval, and how many runs were lost."""
+    lost = f", {ours.lost} lost" if ours.lost else ""
+    if ours.low == ours.high:
+        return f"{number(ours.value)}{lost}"
+    return f"{number(ours.value)} [{number(ours.low)}, {number(ours.high)}]{lost}"
+
+
+def _cells(outcome: Outcome) -> Iterator[tuple[str, str, str, str, str]]:
+    """Label, printed, ours, bound and verdict of each line."""
+    for line, ours, verdict in zip(outcome.group.shown, outcome.ours, outcome.verdicts, strict=True):
+        yield line.label, line.printed.text if line.printed else "-", estimate_text(ours), number(ours.bound), verdict
+
+
+def _columns(outcome: Outcome) -> list[int]:
+    """Of the cells: the bound only where there is one."""
+    bounded = any(not math.isnan(ours.bound) for ours in outcome.ours)
+    return [i for i in range(5) if bounded or i != 3]
 
 
 def _heading(outcome: Outcome) -> str:
@@ -36,14 +50,14 @@ def _heading(outcome: Outcome) -> str:
 def _notes(outcome: Outcome) -> list[str]:
     if outcome.missing:
         return [f"Not run: {outcome.missing}"]
-    odd = any(verdict in (IN_ORDER, NOT) for verdict in outcome.verdicts)
+    odd = any(verdict in (IN_ORDER, OPEN, NOT) for verdict in outcome.verdicts)
     return [outcome.group.why] if odd and outcome.group.why else []
 
 
 def terminal(table: Table, outcomes: Sequence[Outcome]) -> RenderableType:
     """For a rich console."""
     parts: list[RenderableType] = [
-        Text.assemble((f"{table.source}, table {table.number}", "bold"), f"  {table.title}"),
+        Text.assemble((table.heading, "bold"), f"  {table.title}"),
         Text(table.what, style="dim"),
     ]
     for outcome in outcomes:
@@ -57,23 +71,28 @@ def terminal(table: Table, outcomes: Sequence[Outcome]) -> RenderableType:
 
 def _rich(outcome: Outcome) -> RichTable:
     found = titled(escape(_heading(outcome)))
+    shown = _columns(outcome)
     found.add_column("")
-    found.add_column("printed", justify="right")
-    found.add_column("ours [95 %]", justify="right", no_wrap=True)
-    found.add_column("verdict")
-    for label, printed, ours, verdict in _cells(outcome):
-        found.add_row(label, printed, escape(ours), Text(verdict, style=_STYLES.get(verdict, "")))
+    for i in shown[1:]:
+        found.add_column(_HEADS[i - 1], justify="left" if i == 4 else "right", no_wrap=i == 2)
+    for cells in _cells(outcome):
+        styled = [Text(cell, style=_STYLES.get(cell, "")) if i == 4 else escape(cell) for i, cell in enumerate(cells)]
+        found.add_row(*(styled[i] for i in shown))
     return found
 
 
 def markdown(table: Table, outcomes: Sequence[Outcome]) -> str:
     """A section of REPRODUCTION.md."""
-    lines = [f"## {table.source}, table {table.number}: {table.title}", "", table.what, ""]
+    lines = [f"### {table.heading}: {table.title}", "", table.what, ""]
+    for picture in table.pictures:
+        lines += [f"![{picture.caption}](figures/{picture.name}.svg)", "", f"*{picture.caption}*", ""]
     for outcome in outcomes:
         lines += [f"**{_heading(outcome)}**", ""]
         if outcome.ours:
-            lines += ["| | printed | ours [95 %] | verdict |", "|---|---:|---:|---|"]
-            lines += [f"| {' | '.join(cells)} |" for cells in _cells(outcome)]
+            shown = _columns(outcome)
+            lines.append(f"| {' | '.join(['', *(_HEADS[i - 1] for i in shown[1:])])} |")
+            lines.append(f"|{'|'.join('---:' if i in (1, 2, 3) else '---' for i in shown)}|")
+            lines += [f"| {' | '.join(cells[i] for i in shown)} |" for cells in _cells(outcome)]
             lines.append("")
         for note in _notes(outcome):
             lines += [note, ""]

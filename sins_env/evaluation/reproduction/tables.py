@@ -1,13 +1,25 @@
-"""What a published table is here: lines, each of a task, a solver and what is read off its runs, beside what is printed."""
+"""What a published table is here: lines, each of runs of a solver and what is read off them, beside what is printed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sins_env.evaluation.reproduction.verdicts import Estimate, Printed
+from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.reproduction.verdicts import Estimate, Print
 from sins_env.evaluation.tasks import EvaluationTask
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Source(NamedTuple):
+    """Runs of a solver on a task."""
+
+    task: EvaluationTask
+    solver: str
+    settings: Mapping[str, Any] = {}
 
 
 @dataclass(frozen=True)
@@ -19,13 +31,22 @@ class Line:
     solver: str
     read: Callable[..., Estimate]  #: what the line shows, in the unit of the group, of the results of its runs
     settings: Mapping[str, Any] = field(default_factory=dict)
-    printed: Printed | None = None  #: None: not in the source
-    against: EvaluationTask | None = None  #: ``read`` then gets the results of the same runs of this task besides
+    printed: Print | None = None  #: None: not in the source
+    against: Source | None = None  #: ``read`` then gets the results of the same runs of these besides
+    timed: bool = False  #: ``read`` needs what a step costs
 
     @property
-    def tasks(self) -> tuple[EvaluationTask, ...]:
+    def sources(self) -> tuple[Source, ...]:
         """Those whose results ``read`` gets."""
-        return (self.task,) if self.against is None else (self.task, self.against)
+        own = Source(self.task, self.solver, self.settings)
+        return (own,) if self.against is None else (own, self.against)
+
+
+class Claim(NamedTuple):
+    """A line of a computed group."""
+
+    label: str
+    printed: Print | None = None
 
 
 @dataclass(frozen=True)
@@ -34,10 +55,31 @@ class Group:
 
     title: str  #: conditions in a few words
     unit: str
-    lines: tuple[Line, ...]
+    lines: tuple[Line, ...] = ()
     runs: int = 100
     quick: int = 20  #: runs for a first look
     why: str = ""  #: what to know of lines that come out otherwise than printed
+    claims: tuple[Claim, ...] = ()  #: in the place of lines: of a system that is no environment
+    compute: Callable[[int], Sequence[Estimate]] | None = (
+        None  #: the estimates of ``claims`` from so many runs, in seconds
+    )
+
+    @property
+    def shown(self) -> tuple[Line | Claim, ...]:
+        return self.lines or self.claims
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of a table, drawn of results: those of ``sources``, then of the first run of each of ``singles``."""
+
+    name: str  #: of the file
+    caption: str
+    draw: Callable[[Sequence[Results]], Figure]
+    sources: tuple[Source, ...] = ()
+    singles: tuple[Source, ...] = ()
+    runs: int = 40  #: of each of ``sources``
+    quick: int = 5
 
 
 @dataclass(frozen=True)
@@ -49,6 +91,13 @@ class Table:
     source: str
     what: str  #: what is run and what is read off, in a sentence or two
     groups: tuple[Group, ...]
+    name: str = ""  #: such as "figures 2.3 to 2.5"; empty: "table" and its number
+    beyond: bool = False  #: not printed: made only when it is asked for
+    pictures: tuple[Picture, ...] = ()
+
+    @property
+    def heading(self) -> str:
+        return f"{self.source}, {self.name or f'table {self.number}'}"
 
 
 class Outcome(NamedTuple):

@@ -1,14 +1,14 @@
 """A printed figure beside ours: does it lie where so few records may have put it, and if not, is at least the order right?
 
-Both are root mean squares of errors, about zero or about their mean. A print rests on a handful of records, so it is itself
-a draw. It is reproduced if it differs from ours by no more than the two draws explain (:func:`band`). Errors with heavier tails
-than normal ones spread more than that.
+A printed RMS rests on a handful of records, so it is itself a draw. It is reproduced if it differs from ours by no more than
+the two draws explain (:func:`band`). Errors with heavier tails than normal ones spread more than that.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sins_env.evaluation.resampling import TAILS, bca, resampled, units_of
+from sins_env.evaluation.words import number
 
 Array = NDArray[np.float64]
 
-REPRODUCED, IN_ORDER, NOT = "reproduced", "in order only", "not reproduced"
+REPRODUCED, IN_ORDER, NOT, OPEN = "reproduced", "in order only", "not reproduced", "not told apart"
+LUCK = 0.05  #: a single run may be as close to zero as so few of ours; one that is closer is called luck
 
 
 class Estimate(NamedTuple):
@@ -30,6 +32,10 @@ class Estimate(NamedTuple):
     high: float
     runs: int
     lost: int = 0
+    bound: float = math.nan  #: the Cramer-Rao bound of the same figure; NaN where there is none
+
+
+NOTHING = Estimate(math.nan, math.nan, math.nan, 0)
 
 
 class Printed(NamedTuple):
@@ -43,8 +49,67 @@ class Printed(NamedTuple):
     def dof(self) -> int:
         return max(self.records - self.about_mean, 1)
 
+    @property
+    def text(self) -> str:
+        return number(self.value)
 
-def root_mean_square(errors: Array, about_mean: bool = False) -> Estimate:
+
+@dataclass(frozen=True)
+class PrintedMean:
+    """A mean over so many records as printed, with their standard deviation."""
+
+    value: float
+    std: float
+    records: int
+
+    @property
+    def text(self) -> str:
+        return number(self.value)
+
+    def verdict(self, ours: Estimate) -> str:
+        """Whether the two means differ by no more than their errors, 95 %."""
+        half = special.stdtrit(self.records - 1, TAILS[1]) * self.std / math.sqrt(self.records)
+        least = math.hypot(ours.value - ours.low, half)
+        most = math.hypot(ours.high - ours.value, half)
+        return REPRODUCED if ours.value - least <= self.value <= ours.value + most else NOT
+
+
+@dataclass(frozen=True)
+class PrintedRatio:
+    """A quotient of two printed figures; how sure the print is of it is not known."""
+
+    value: float
+
+    @property
+    def text(self) -> str:
+        return number(self.value)
+
+    def verdict(self, ours: Estimate) -> str:
+        """Reproduced if it lies in our interval; in order if both lie on the same side of one; open if ours may be both."""
+        same = ours.low <= 1.0 <= ours.high
+        if ours.low <= self.value <= ours.high:
+            return OPEN if same else REPRODUCED
+        return IN_ORDER if not same and (self.value < 1.0) == (ours.value < 1.0) else NOT
+
+
+@dataclass(frozen=True)
+class Said:
+    """What the text says without a number: that ours lies between these."""
+
+    text: str
+    low: float = -math.inf
+    high: float = math.inf
+
+    def verdict(self, ours: Estimate) -> str:
+        if self.low <= ours.low and ours.high <= self.high:
+            return REPRODUCED
+        return NOT if ours.high < self.low or ours.low > self.high else OPEN
+
+
+Print = Printed | PrintedMean | PrintedRatio | Said
+
+
+def root_mean_square(errors: Array, about_mean: bool = False, bound: float = math.nan) -> Estimate:
     """RMS of errors (R,), about zero, or about their mean with R - 1; NaN marks the runs that are lost.
 
     BCa over runs; NaN for fewer than two.
@@ -52,7 +117,7 @@ def root_mean_square(errors: Array, about_mean: bool = False) -> Estimate:
     known = errors[np.isfinite(errors)]
     runs, lost = len(known), int(len(errors) - len(known))
     if runs < 2:
-        return Estimate(math.nan, math.nan, math.nan, runs, lost)
+        return Estimate(math.nan, math.nan, math.nan, runs, lost, bound)
     units = units_of(np.stack([np.ones(runs), known, known**2], axis=1))
 
     def statistic(sums: Array) -> Array:
@@ -63,16 +128,28 @@ def root_mean_square(errors: Array, about_mean: bool = False) -> Estimate:
 
     total = units.sum(axis=0)
     low, high = bca(statistic(resampled(units))[:, None], statistic(total)[None], statistic(total - units)[:, None])[0]
-    return Estimate(float(statistic(total)), float(low), float(high), runs, lost)
+    return Estimate(float(statistic(total)), float(low), float(high), runs, lost, bound)
+
+
+def mean(values: Array) -> Estimate:
+    """Mean of values (R,) with Student's interval; NaN marks the runs that are lost."""
+    known = values[np.isfinite(values)]
+    runs, lost = len(known), int(len(values) - len(known))
+    if runs < 2:
+        return Estimate(math.nan, math.nan, math.nan, runs, lost)
+    centre = float(known.mean())
+    half = float(special.stdtrit(runs - 1, TAILS[1]) * known.std(ddof=1) / math.sqrt(runs))
+    return Estimate(centre, centre - half, centre + half, runs, lost)
 
 
 def band(printed: Printed, ours: Estimate) -> tuple[float, float]:
-    """Between which figures a print of so many records differs from ours by chance alone, 95 %.
+    """Between which figures a print of so many records differs from ours by chance alone, 95 %; of one record, 92.5 %.
 
     Both errors are independent, so their distances on a scale of logarithms add as squares (Zou and Donner 2008, "MOVER",
     doi 10.1002/sim.3095); an RMS of normal errors is s sqrt(chi^2 / dof).
     """
-    low, high = 0.5 * np.log(special.chdtri(printed.dof, 1.0 - TAILS) / printed.dof)
+    below_mean, above_mean = (LUCK if printed.records == 1 else TAILS[0]), TAILS[1]
+    low, high = 0.5 * np.log(special.chdtri(printed.dof, 1.0 - np.array([below_mean, above_mean])) / printed.dof)
     with np.errstate(divide="ignore", invalid="ignore"):
         below = math.hypot(np.log(np.float64(ours.value) / ours.low), low)
         above = math.hypot(np.log(np.float64(ours.high) / ours.value), high)
@@ -90,26 +167,28 @@ def larger(a: Printed, b: Printed) -> bool:
     return abs(a.value) > abs(b.value) * math.sqrt(special.fdtri(a.dof, b.dof, TAILS[1]))
 
 
-def verdicts(printed: Sequence[Printed | None], ours: Sequence[Estimate]) -> list[str]:
+def verdicts(printed: Sequence[Print | None], ours: Sequence[Estimate]) -> list[str]:
     """A verdict on each line of a group; empty where nothing is printed.
 
-    "in order only": what the print tells apart significantly and our intervals, too, stands in the same order, and there
-    is such a pair.
+    Of an RMS "in order only": what the print tells apart significantly and our intervals, too, stands in the same order, and
+    there is such a pair.
     """
     return [_verdict(i, printed, ours) for i in range(len(ours))]
 
 
-def _verdict(i: int, printed: Sequence[Printed | None], ours: Sequence[Estimate]) -> str:
+def _verdict(i: int, printed: Sequence[Print | None], ours: Sequence[Estimate]) -> str:
     line = printed[i]
     if line is None:
         return ""
     if math.isnan(ours[i].low):
         return f"{ours[i].runs} runs are too few"
+    if not isinstance(line, Printed):
+        return line.verdict(ours[i])
     if fits(line, ours[i]):
         return REPRODUCED
     same = opposite = 0
     for other, estimate in zip(printed, ours, strict=True):
-        if other is None:
+        if not isinstance(other, Printed):
             continue
         above, below = ours[i].low > estimate.high, ours[i].high < estimate.low
         same += (above and larger(line, other)) or (below and larger(other, line))

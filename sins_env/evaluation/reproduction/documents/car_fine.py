@@ -7,8 +7,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from sins_env.evaluation.reproduction.car_coarse import RECORDS, said
-from sins_env.evaluation.reproduction.readings import Reader, azimuth, level, of_records, whole
+from sins_env.evaluation.reproduction.car_readings import Reader, azimuth, level, of_records, whole
+from sins_env.evaluation.reproduction.documents.car_coarse import RECORDS, said
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
 from sins_env.evaluation.reproduction.verdicts import Printed
 from sins_env.evaluation.tasks import EvaluationTask, get_task
@@ -187,6 +187,7 @@ def _zoo_table() -> Table:
             Group(f"{car}: spread", "deg", _zoo(QUIET, ZOO, spread), 30, 6),
             Group(f"{car}: spread, particles", "deg", _zoo(QUIET, PARTICLES, spread), 30, 6),
         ),
+        beyond=True,
     )
 
 

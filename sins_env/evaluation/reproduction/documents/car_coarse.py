@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from sins_env.evaluation.catalogue import VEHICLE_HEADINGS_DEG, VEHICLE_SCENES
-from sins_env.evaluation.reproduction.readings import azimuth
+from sins_env.evaluation.reproduction.car_readings import azimuth
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
 from sins_env.evaluation.reproduction.verdicts import Printed
 from sins_env.evaluation.tasks import EvaluationTask

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from sins_env.evaluation.reproduction.car_fine import AS_THESIS, CAR
-from sins_env.evaluation.reproduction.readings import Reader, excursion, left, recovery
-from sins_env.evaluation.reproduction.tables import Group, Line, Table
+from sins_env.evaluation.reproduction.car_readings import Reader, excursion, left, recovery
+from sins_env.evaluation.reproduction.documents.car_fine import AS_THESIS, CAR
+from sins_env.evaluation.reproduction.tables import Group, Line, Source, Table
 from sins_env.evaluation.tasks import EvaluationTask
 
 BEFORE_S, AFTER_S = 120.0, 230.0  #: 30 s and 140 s into the fine phase
@@ -45,7 +45,15 @@ def _group(when: str, what: str, unit: str, read: Reader) -> Group:
     kinds = {"in": "a person in, and out"} if when == "both" else KINDS
     times = " and ".join(f"{t:g} s" for t in WHEN[when])
     lines = tuple(
-        Line(f"{words}: {solver}", task(kind, when), solver, read, AS_THESIS, None, UNDISTURBED)
+        Line(
+            f"{words}: {solver}",
+            task(kind, when),
+            solver,
+            read,
+            AS_THESIS,
+            None,
+            Source(UNDISTURBED, solver, AS_THESIS),
+        )
         for kind, words in kinds.items()
         for solver in SOLVERS
     )
@@ -71,5 +79,6 @@ TABLES = (
             _group("after", LEFT, "deg RMS", left),
             _group("both", LEFT, "deg RMS", left),
         ),
+        beyond=True,
     ),
 )

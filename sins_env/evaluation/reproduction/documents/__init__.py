@@ -1,0 +1,8 @@
+"""The published tables as data, one module a table or a family of them, in the order of the documents."""
+
+from __future__ import annotations
+
+from sins_env.evaluation.reproduction.documents import car_coarse, car_fine, car_interference
+from sins_env.evaluation.reproduction.tables import Table
+
+TABLES: tuple[Table, ...] = (*car_coarse.TABLES, *car_fine.TABLES, *car_interference.TABLES)
