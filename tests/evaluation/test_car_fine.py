@@ -12,7 +12,7 @@ from sins_env.evaluation import evaluate, registry
 from sins_env.evaluation.reproduction import car_readings as readings
 from sins_env.evaluation.reproduction import get_table, running
 from sins_env.evaluation.reproduction.documents import car_fine, car_interference
-from sins_env.evaluation.reproduction.tables import Group, Line, Table
+from sins_env.evaluation.reproduction.tables import Group, Line, Source, Table
 from sins_env.evaluation.scoring import Criteria, score
 from sins_env.evaluation.store import Store
 from sins_env.evaluation.tasks import EvaluationTask, run_seed
@@ -181,13 +181,14 @@ def test_twins_differ_by_the_disturbance_alone(quiet):
 def test_a_line_reads_two_tasks(tmp_path):
     """Both are run once and kept; the twin's runs are shared."""
     task = short(car_interference.task("door", "before"), events=[{"t": 22.0, "kind": "door"}], duration=25.0)
-    line = Line("door", task, "kf", readings.excursion(22.0), car_fine.AS_THESIS, None, short(QUIET, duration=25.0))
+    twin = Source(short(QUIET, duration=25.0), "kf", car_fine.AS_THESIS)
+    line = Line("door", task, "kf", readings.excursion(22.0), car_fine.AS_THESIS, None, twin)
     table = Table(
         "x", "", "", "", (Group("one", "deg", (line, dataclasses.replace(line, label="left", read=readings.left))),)
     )
     with Store(tmp_path / "runs.sqlite") as store:
-        ((outcome,),) = running.run_tables([table], store, 3, workers=1)
-        ((again,),) = running.run_tables([table], store, 3, workers=1)
+        ((_, (outcome,), _),) = running.run_tables([table], store, 3, workers=1)
+        ((_, (again,), _),) = running.run_tables([table], store, 3, workers=1)
         assert len(store.keys()) == 2
     assert outcome.ours == again.ours
     assert [one.runs for one in outcome.ours] == [3, 3]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -94,7 +94,7 @@ def _course(axes: Axes, course: Course, band: Results, single: Results, componen
 def _bound(axes: Axes, band: Results, component: int) -> None:
     if band.bound is not None and band.bound.holds:
         sigma = SIGMAS * band.bound.sigma[:, component] / ARCSEC
-        line = {"color": "black", "linewidth": 1.0, "linestyle": (0, (4, 2))}
+        line: dict[str, Any] = {"color": "black", "linewidth": 1.0, "linestyle": (0, (4, 2))}
         axes.plot(band.bound.t, sigma, label="bound, 95 %", **line)
         axes.plot(band.bound.t, -sigma, **line)
 
