@@ -6,11 +6,9 @@ gives the same bytes.
 
 from __future__ import annotations
 
-import importlib
-import json
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from sins_env.evaluation import ranking, words
 from sins_env.evaluation.monte_carlo import Results
@@ -20,6 +18,7 @@ from sins_env.evaluation.report_tables import Cell, Failure, Row, failures_of, h
 from sins_env.evaluation.store import Key, Session, Store
 from sins_env.evaluation.svg import LOOKS
 from sins_env.evaluation.tasks import EvaluationTask
+from sins_env.evaluation.templates import template
 
 MOST_NAMED = LOOKS  #: solvers in colour; of more, the best; the rest are grey
 MOST_REASONS = 60  #: lines of a table of failures
@@ -65,7 +64,7 @@ def html_report(
     Raises:
         ValueError: jinja2 is not installed.
     """
-    template = _template()
+    page_of = template("report.html.j2")
     groups: dict[tuple[str, str], list[Key]] = {}
     for key in keys:
         groups.setdefault((key.task, key.suite), []).append(key)
@@ -83,7 +82,7 @@ def html_report(
     css = Path(__file__).with_name("report.css").read_text()
     solvers = {(key.solver, key.settings) for key in keys}
     many_suites = len({key.suite for key in keys}) > 1
-    page: str = template.render(
+    page: str = page_of.render(
         sections=sections,
         css=css,
         solvers=len(solvers),
@@ -92,31 +91,6 @@ def html_report(
         best_name="main error" if any(section.task_navigates for section in sections) else "azimuth RMS",
     )
     return page
-
-
-def check_jinja2() -> None:
-    """Raises ValueError if the template engine is missing."""
-    _jinja2()
-
-
-def _jinja2() -> Any:
-    try:
-        return importlib.import_module("jinja2")
-    except ImportError as error:
-        raise ValueError('report needs the package jinja2: pip install "sins-env[report]"') from error
-
-
-def _template() -> Any:
-    jinja2 = _jinja2()
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["compact"] = lambda value: json.dumps(value, sort_keys=True)
-    return environment.get_template("report.html.j2")
 
 
 def _section(

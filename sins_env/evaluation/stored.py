@@ -61,11 +61,12 @@ def board(given: Namespace, console: Console) -> int:
 def report(given: Namespace, console: Console) -> int:
     """The page from the file alone."""
     from sins_env.evaluation import report as pages
+    from sins_env.evaluation.templates import check_jinja2
 
     path = Path(given.html)
     if not path.resolve().parent.is_dir():
         raise ValueError(f"--html {path}: the directory does not exist")
-    pages.check_jinja2()
+    check_jinja2()
     with Store(given.db, read_only=True) as store:
         keys = _chosen(given, store)
         if not keys:

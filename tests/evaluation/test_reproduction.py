@@ -54,7 +54,7 @@ def test_too_few_runs_have_no_interval_and_no_verdict():
 
 @pytest.mark.parametrize(("records", "about_mean"), [(10, True), (1, False), (40, False)])
 def test_the_band_holds_so_many_prints_of_the_same_law(records, about_mean):
-    """95 % of prints, of single records 92.5 %; the binomial of 2,000 has a standard error of 0.5 %, and the band is of first order in ours."""
+    """95 % of prints, of single records 92.5 %; 0.5 % is a standard error of 2,000 draws."""
     rng = np.random.default_rng(5)
     inside = 0
     for _ in range(2000):

@@ -1,0 +1,123 @@
+"""REPRODUCTION.md: a short paper around the tables. Its words are a template's; every number is looked up in what was run."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from sins_env.errors import unknown
+from sins_env.evaluation.reproduction.running import Made
+from sins_env.evaluation.reproduction.showing import estimate_text, markdown
+from sins_env.evaluation.reproduction.tables import Outcome
+from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, OPEN, REPRODUCED, Estimate
+from sins_env.evaluation.store import Store
+from sins_env.evaluation.templates import template
+from sins_env.evaluation.words import number
+
+TEMPLATE = "reproduction/paper.md.j2"
+VERDICTS = (REPRODUCED, IN_ORDER, OPEN, NOT)
+
+
+class Found(NamedTuple):
+    """A line of a table that was run; as text it is ours with its interval."""
+
+    printed: str
+    ours: Estimate
+    verdict: str
+
+    def __str__(self) -> str:
+        return estimate_text(self.ours)
+
+    @property
+    def value(self) -> str:
+        return number(self.ours.value)
+
+    @property
+    def bound(self) -> str:
+        return number(self.ours.bound)
+
+    @property
+    def holds(self) -> bool:
+        return self.verdict == REPRODUCED
+
+
+class Tally(NamedTuple):
+    """How many lines of a group have each verdict."""
+
+    heading: str
+    title: str
+    counts: tuple[int, ...]  #: of VERDICTS
+
+
+class Papers:
+    """What was run, as the template asks for it."""
+
+    def __init__(self, made: Sequence[Made]) -> None:
+        self._made = {one.table.number: one for one in made}
+
+    def line(self, table: str, group: str, label: str) -> Found:
+        """A line of the one group of a table whose title has these words.
+
+        Raises:
+            ValueError: no such table, group or line; or the group could not be run.
+        """
+        if table not in self._made:
+            raise unknown("table", table, self._made)
+        groups = [one for one in self._made[table].outcomes if group in one.group.title and one.ours]
+        if len(groups) != 1:
+            raise ValueError(
+                f"table {table} has {len(groups)} groups that were run with {group!r} in the title; allowed: one"
+            )
+        outcome = groups[0]
+        labels = {line.label: i for i, line in enumerate(outcome.group.shown)}
+        if label not in labels:
+            raise unknown(f"line of table {table}", label, labels)
+        i = labels[label]
+        printed = outcome.group.shown[i].printed
+        return Found(printed.text if printed else "-", outcome.ours[i], outcome.verdicts[i])
+
+    def ran(self, table: str, group: str) -> bool:
+        """Whether there is such a group and its recording was there."""
+        return any(group in one.group.title and one.ours for one in self._made[table].outcomes)
+
+    def tallies(self) -> list[Tally]:
+        return [
+            Tally(made.table.heading, outcome.group.title, counts)
+            for made in self._made.values()
+            for outcome in made.outcomes
+            if sum(counts := _counts(outcome))
+        ]
+
+    def sections(self) -> list[str]:
+        """The tables as Markdown."""
+        return [markdown(made.table, made.outcomes) for made in self._made.values()]
+
+
+def _counts(outcome: Outcome) -> tuple[int, ...]:
+    found = Counter(outcome.verdicts)
+    return tuple(found[verdict] for verdict in VERDICTS)
+
+
+def paper(made: Sequence[Made], store: Store, quick: bool) -> str:
+    """The whole text; needs every printed table.
+
+    Raises:
+        ValueError: jinja2 is not installed; a line that the template asks for is not there.
+    """
+    papers = Papers(made)
+    keys = store.keys()
+    sessions = {one.id: one for key in keys for one in store.sessions(key)}
+    values: dict[str, Any] = {
+        "line": papers.line,
+        "ran": papers.ran,
+        "tallies": papers.tallies(),
+        "sections": papers.sections(),
+        "verdicts": VERDICTS,
+        "number": number,
+        "quick": quick,
+        "session": max(sessions.values(), key=lambda one: one.runs),
+        "runs": sum(len(store.runs_of(key)) for key in keys),
+    }
+    text: str = template(TEMPLATE).render(values)
+    return text
