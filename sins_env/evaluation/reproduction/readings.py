@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,12 +77,14 @@ def apart(component: int, unit: float, t_s: float, over_s: float = 0.0) -> Reade
     return read
 
 
-def quotient(component: int, t_s: float, over_s: float = 0.0) -> Reader:
-    """Reads the RMS of a component of the error at a time over that of another filter in the same runs."""
+def quotient(component: int | Sequence[int], t_s: float, over_s: float = 0.0) -> Reader:
+    """Reads the RMS of a component of the error, or of several together, over that of another filter in the same runs."""
+    parts = np.atleast_1d(component)
 
     def read(one: Results, other: Results) -> Estimate:
         mine, its = paired.common(one.records, other.records)
-        a, b = (errors_at(r, t_s, over_s)[rows, component] for r, rows in ((one, mine), (other, its)))
+        pairs = ((one, mine), (other, its))
+        a, b = (np.linalg.norm(errors_at(r, t_s, over_s)[rows][:, parts], axis=1) for r, rows in pairs)
         known = np.isfinite(a) & np.isfinite(b)
         return _estimate(paired.ratio_of_rms(a[known], b[known]), int(known.sum()), int((~known).sum()))
 

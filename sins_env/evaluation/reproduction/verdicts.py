@@ -44,6 +44,7 @@ class Printed(NamedTuple):
     value: float
     records: int
     about_mean: bool = False
+    kind: str = ""  #: only those of one kind are put in order
 
     @property
     def dof(self) -> int:
@@ -188,7 +189,7 @@ def _verdict(i: int, printed: Sequence[Print | None], ours: Sequence[Estimate]) 
         return REPRODUCED
     same = opposite = 0
     for other, estimate in zip(printed, ours, strict=True):
-        if not isinstance(other, Printed):
+        if not isinstance(other, Printed) or other.kind != line.kind:
             continue
         above, below = ours[i].low > estimate.high, ours[i].high < estimate.low
         same += (above and larger(line, other)) or (below and larger(other, line))

@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
-from sins_env.evaluation.reproduction.documents import car_coarse, car_fine, car_interference
+from sins_env.evaluation.reproduction.documents import (
+    car_coarse,
+    car_fine,
+    car_interference,
+    thesis_coarse,
+    thesis_filters,
+)
 from sins_env.evaluation.reproduction.tables import Table
 
-TABLES: tuple[Table, ...] = (*car_coarse.TABLES, *car_fine.TABLES, *car_interference.TABLES)
+TABLES: tuple[Table, ...] = (
+    *thesis_coarse.TABLES,
+    *thesis_filters.TABLES,
+    *car_coarse.TABLES,
+    *car_fine.TABLES,
+    *car_interference.TABLES,
+)
