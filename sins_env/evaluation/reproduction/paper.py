@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from sins_env.errors import unknown
+from sins_env.evaluation.reproduction.claims import CLAIMS
+from sins_env.evaluation.reproduction.documents.thesis_together import printed_extremes
 from sins_env.evaluation.reproduction.running import Made
 from sins_env.evaluation.reproduction.showing import estimate_text, markdown
 from sins_env.evaluation.reproduction.tables import Outcome
@@ -71,11 +74,18 @@ class Papers:
             )
         outcome = groups[0]
         labels = {line.label: i for i, line in enumerate(outcome.group.shown)}
-        if label not in labels:
-            raise unknown(f"line of table {table}", label, labels)
-        i = labels[label]
+        i = labels[_only(label, labels, table)]
         printed = outcome.group.shown[i].printed
         return Found(printed.text if printed else "-", outcome.ours[i], outcome.verdicts[i])
+
+    def labels(self, table: str, group: str, end: str) -> list[str]:
+        """Those of the lines of a group that end so."""
+        groups = [one for one in self._made[table].table.groups if group in one.title]
+        return [line.label for one in groups for line in one.shown if line.label.endswith(end)]
+
+    def numbered(self, pattern: str) -> list[str]:
+        """The tables whose number matches."""
+        return [number for number in self._made if re.fullmatch(pattern, number)]
 
     def ran(self, table: str, group: str) -> bool:
         """Whether there is such a group and its recording was there."""
@@ -94,6 +104,14 @@ class Papers:
         return [markdown(made.table, made.outcomes) for made in self._made.values()]
 
 
+def _only(label: str, labels: Mapping[str, int], table: str) -> str:
+    """The label itself, or the only one that begins so."""
+    found = [label] if label in labels else [one for one in labels if one.startswith(label)]
+    if len(found) != 1:
+        raise unknown(f"line of table {table}", label, labels)
+    return found[0]
+
+
 def _counts(outcome: Outcome) -> tuple[int, ...]:
     found = Counter(outcome.verdicts)
     return tuple(found[verdict] for verdict in VERDICTS)
@@ -110,6 +128,10 @@ def paper(made: Sequence[Made], store: Store, quick: bool) -> str:
     sessions = {one.id: one for key in keys for one in store.sessions(key)}
     values: dict[str, Any] = {
         "line": papers.line,
+        "labels": papers.labels,
+        "numbered": papers.numbered,
+        "claims": [(one.document, one.text, papers.line(one.table, one.group, one.line)) for one in CLAIMS],
+        "extremes": [number(size) for size in printed_extremes()],
         "ran": papers.ran,
         "tallies": papers.tallies(),
         "sections": papers.sections(),

@@ -8,12 +8,14 @@ from sins_env.evaluation.reproduction.documents import (
     car_interference,
     thesis_coarse,
     thesis_filters,
+    thesis_together,
 )
 from sins_env.evaluation.reproduction.tables import Table
 
 TABLES: tuple[Table, ...] = (
     *thesis_coarse.TABLES,
     *thesis_filters.TABLES,
+    *thesis_together.TABLES,
     *car_coarse.TABLES,
     *car_fine.TABLES,
     *car_interference.TABLES,

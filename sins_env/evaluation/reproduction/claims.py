@@ -1,0 +1,66 @@
+"""What the documents claim, in a line each, and which line of which table says whether it holds."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Claim(NamedTuple):
+    """A claim, and the table, the words of a group's title and the label of the line that it is held against."""
+
+    document: str
+    text: str
+    table: str
+    group: str
+    line: str
+
+
+MATCHED, TOLD = "matched prior", "prior of the thesis"
+PRINTED, DRAWN = "as printed", "start and biases drawn"
+
+
+def _both(text: str, table: str, line: str) -> tuple[Claim, Claim]:
+    """A claim on the swaying base, under both priors."""
+    return tuple(Claim("000", f"{text}: {prior}", table, prior, line) for prior in (MATCHED, TOLD))  # type: ignore[return-value]
+
+
+CLAIMS = (
+    Claim(
+        "000",
+        "coarse alignment leaves 0.56 deg of azimuth (standard deviation)",
+        "2.3",
+        "azimuth",
+        "azimuth: std, two vectors",
+    ),
+    *_both("DDF2, UKF and CKF are alike (azimuth, UKF over DDF2)", "3.figures", "UKF / DDF2, azimuth, quotient"),
+    Claim("000", "a step of DDF2 takes longer than one of the UKF", "3.figures", "time of a step", "DDF2 / UKF"),
+    Claim("000", "a step of the UKF takes longer than one of the CKF", "3.figures", "time of a step", "UKF / CKF"),
+    *_both("adaptation beats the UKF in azimuth (AUKF over UKF)", "3.1", "AUKF / UKF, azimuth, quotient"),
+    *_both("so does ASMUGSF", "3.3", "ASMUGSF / UKF, azimuth, quotient"),
+    *_both("so does H-infinity", "4.1", "H-infinity UKF-SPS / UKF, azimuth, quotient"),
+    *_both("and pays with its levels", "4.1", "H-infinity UKF-SPS / UKF, levels, quotient"),
+    *_both("the mixed filter beats the UKF in azimuth", "4.3", "UKF/H-infinity UKF / UKF, azimuth, quotient"),
+    *_both("GPF beats the UKF in azimuth", "5.1", "GPF / UKF, azimuth, quotient"),
+    *_both("RQMC-GPF beats GPF", "5.1", "RQMC-GPF / GPF, azimuth, quotient"),
+    *_both("CGPF beats the UKF in azimuth", "5.3", "CGPF / UKF, azimuth, quotient"),
+    Claim("000", "GPF takes longer than CGPF", "5.4", "time of a step", "GPF / CGPF"),
+    Claim("001", "the CKF has a better heading than the EKF", "001", f"quotients, {PRINTED}", "heading, CKF / EKF"),
+    Claim("001", "and a better position", "001", f"quotients, {PRINTED}", "position, CKF / EKF"),
+    Claim("001", "UKF (kappa = 0) and CKF are the same", "001", f"quotients, {PRINTED}", "heading, UKF / CKF"),
+    Claim("003", "the fifth degree is better in Gaussian noise", "003.gauss", "quotients", "HCKF / CKF"),
+    Claim(
+        "003",
+        "correntropy (width 3) beats it where fixes are contaminated",
+        "003.mixture",
+        "as said",
+        "MCC-HCKF, sigma 3 / HCKF",
+    ),
+    Claim("003", "so does Huber's criterion", "003.mixture", "as said", "H-HCKF / HCKF"),
+    Claim(
+        "003",
+        "which is worse than correntropy with a width of 3",
+        "003.mixture",
+        "as said",
+        "H-HCKF / MCC-HCKF, sigma 3",
+    ),
+)

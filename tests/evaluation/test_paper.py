@@ -1,0 +1,100 @@
+"""REPRODUCTION.md around the tables: every line that its words ask for is there, and nothing else is said than was run."""
+
+import re
+
+import pytest
+
+from sins_env.evaluation import reproduction
+from sins_env.evaluation.reproduction.claims import CLAIMS
+from sins_env.evaluation.reproduction.paper import Papers, paper
+from sins_env.evaluation.reproduction.running import Made
+from sins_env.evaluation.reproduction.tables import Outcome
+from sins_env.evaluation.reproduction.verdicts import NOT, REPRODUCED, Estimate, verdicts
+from sins_env.evaluation.store import Store
+
+
+def outcome(group, value=0.9, missing=""):
+    if missing:
+        return Outcome(group, (), (), missing)
+    ours = tuple(Estimate(value, 0.8 * value, 1.1 * value, 40, bound=0.5) for _ in group.shown)
+    return Outcome(group, ours, tuple(verdicts([line.printed for line in group.shown], ours)))
+
+
+def made(**how):
+    tables = [reproduction.get_table(number) for number in reproduction.printed()]
+    return [Made(table, tuple(outcome(group, **how) for group in table.groups), ()) for table in tables]
+
+
+@pytest.fixture
+def store(tmp_path, short):
+    """A file with a run, for who made it and where."""
+    from sins_env.evaluation.filling import Evaluation, fill
+
+    with Store(tmp_path / "runs.sqlite") as store:
+        store.add_task(short)
+        fill(store, [Evaluation.of(short, "plugins:Told", {}, range(2), None)], workers=1, cost=False)
+        yield store
+
+
+def anchors(text):
+    """Of the sections, as GitHub makes them."""
+    titles = [line.removeprefix("## ").lower() for line in text.splitlines() if line.startswith("## ")]
+    return [re.sub(r"[^a-z0-9 -]", "", title).replace(" ", "-") for title in titles]
+
+
+@pytest.mark.parametrize("quick", [True, False])
+def test_the_paper_has_every_table_and_claim(store, quick):
+    text = paper(made(), store, quick)
+    for number in reproduction.printed():
+        assert f"### {reproduction.get_table(number).heading}: " in text
+    for claim in CLAIMS:
+        assert f"| {claim.document} | {claim.text} | 0.900 [0.720, 0.990] | " in text
+    assert ("quick look" in text) == quick
+    assert "{{" not in text
+    assert "{%" not in text
+    for target in re.findall(r"\]\(#([^)]*)\)", text):
+        titles = [
+            re.sub(r"[^a-z0-9 -]", "", line.lstrip("# ").lower()).replace(" ", "-")
+            for line in text.splitlines()
+            if line.startswith("## ")
+        ]
+        assert target in titles
+
+
+def test_every_figure_of_the_paper_is_drawn(store):
+    drawn = {picture.name for number in reproduction.printed() for picture in reproduction.get_table(number).pictures}
+    shown = re.findall(r"\(figures/([^)]*)\.svg\)", paper(made(), store, False))
+    assert set(shown) == drawn
+
+
+def test_without_the_recordings_the_paper_says_so(store):
+    tables = made()
+    tables = [
+        one._replace(
+            outcomes=tuple(
+                outcome(o.group, missing="no recording") if "real recording" in o.group.title else o
+                for o in one.outcomes
+            )
+        )
+        for one in tables
+    ]
+    assert "The real recording is not here" in paper(tables, store, False)
+
+
+def test_verdicts_are_counted():
+    papers = Papers(made(value=0.9))
+    counted = {(one.heading, one.title): one.counts for one in papers.tallies()}
+    # those that are said to be smaller, and the one that is said to be larger
+    assert counted["003, experiment 2, figure 5", "quotients, as said"] == (7, 0, 0, 1)
+    assert VERDICTS[0] == REPRODUCED
+    assert VERDICTS[3] == NOT
+
+
+def test_an_unknown_line_is_one_clear_error():
+    papers = Papers(made())
+    with pytest.raises(ValueError, match=r"unknown line of table 3\.1 'UKF, azimuths'"):
+        papers.line("3.1", "matched prior", "UKF, azimuths")
+    with pytest.raises(ValueError, match="0 groups"):
+        papers.line("3.1", "another prior", "UKF, azimuth")
+    with pytest.raises(ValueError, match=r"unknown table '3\.9'"):
+        papers.line("3.9", "matched prior", "UKF, azimuth")
