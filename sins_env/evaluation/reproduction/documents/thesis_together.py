@@ -100,12 +100,14 @@ def _draw(results: Sequence[Results]) -> Figure:
 
 
 def _names(ax: Axes, printed: Sequence[Azimuth]) -> None:
-    """Beside the points; those of one time from top to bottom, apart."""
-    for at in sorted({t for _, t, _ in printed}):
+    """Beside the points, of the last time to their right; those of one time apart."""
+    times = sorted({t for _, t, _ in printed})
+    for at in times:
+        x, side = (at + 8, "left") if at == times[-1] else (at - 8, "right")
         low = 0.0
         for name, _, value in sorted((one for one in printed if one[1] == at), key=lambda one: abs(one[2])):
             low = max(math.log10(abs(value)), low + 0.11)
-            ax.text(at + 8, 10**low, name, fontsize=7.5, va="center", clip_on=False)
+            ax.text(x, 10**low, name, fontsize=7.5, va="center", ha=side)
 
 
 def _group(noise: str) -> Group:
