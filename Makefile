@@ -7,7 +7,7 @@ export SINS_ENV_DATA ?= $(abspath ../shared/data)
 # one BLAS thread per process: the batches are small, and processes use the cores
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: board test check lint types tests bench clean
+.PHONY: board test check lint types tests bench reproduce clean
 
 board: $(STAMP)  ## four filters align a swaying SINS: ranked table and figure
 	$(BIN)/sins-env eval --task sway-white-v0 --solver kf ekf ukf ckf --runs 100 --db results.sqlite --resume --plot board.png
@@ -29,6 +29,9 @@ tests: test
 bench: $(STAMP)  ## speed of the whole chain, and of the filters beside those of other packages (in .venv-peers)
 	$(BIN)/sins-env bench
 	$(BIN)/python benchmarks/peers.py
+
+reproduce: $(STAMP)  ## every published table again: reproduction/REPRODUCTION.md and its figures, in less than an hour on two cores
+	$(BIN)/sins-env reproduce
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -221,7 +221,7 @@ def test_the_command(cli, small, tmp_path, monkeypatch):
     assert cli(*given, "9.9")[0] == 0
     assert [runs for _, runs, _ in stored_runs()] == [6, 6]
 
-    (tmp_path / "out" / "table-9.8.md").write_text("not a table any more")
+    (tmp_path / "out" / "tables" / "9.8.md").write_text("not a table any more")
     code, out, _ = cli(*given, "9.9", "--runs", 4)
     assert "4 runs" in out
     text = (tmp_path / "out" / "REPRODUCTION.md").read_text()

@@ -16,7 +16,7 @@ from sins_env.evaluation.reproduction.showing import markdown, terminal
 from sins_env.evaluation.store import Store
 from sins_env.evaluation.templates import check_jinja2
 
-FIGURES = "figures"
+FIGURES, PARTS = "figures", "tables"
 HEAD = """# Published results, reproduced: some tables
 
 Made by `sins-env reproduce` for the tables that were asked for; without a number it makes all of them, and the text around them.
@@ -35,13 +35,13 @@ def reproduce(given: Namespace, console: Console) -> int:
         raise ValueError(f"--out {out}: the directory above it does not exist")
     if complete:
         check_jinja2()
-    out.mkdir(exist_ok=True)
+    for folder in (out, out / FIGURES, out / PARTS):
+        folder.mkdir(exist_ok=True)
     with Store(out / "results.sqlite") as store:
         made = run_tables(tables, store, given.runs, quick=given.quick, workers=given.workers)
         for table, outcomes, pictures in made:
             console.print(terminal(table, outcomes))
             for picture, results in pictures:
-                (out / FIGURES).mkdir(exist_ok=True)
                 save(picture.draw(results), out / FIGURES / f"{picture.name}.svg")
             _part(out, table.number).write_text(markdown(table, outcomes), encoding="utf-8")
         text = paper(made, store, given.quick) if complete else _some(out)
@@ -58,4 +58,4 @@ def _some(out: Path) -> str:
 
 def _part(out: Path, number: str) -> Path:
     """Each table has a file of its own, so that a later command for another one keeps it."""
-    return out / f"table-{number}.md"
+    return out / PARTS / f"{number}.md"
