@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,24 +68,45 @@ def _time_means(records: Records, quantities: list[Quantity]) -> list[Estimate]:
 
 
 def time_mean(errors: Array) -> Estimate:
-    """Mean over time of the RMS over runs, (R, S), with its BCa interval.
+    """Mean over time of the RMS over runs, (R, S), with its BCa interval."""
+    return _estimate(_time_mean(errors))
 
-    The value is of all times; its interval is that of SAMPLES of them, scaled.
-    """
+
+def ratio_of_time_means(a: Array, b: Array) -> Estimate:
+    """That of (R, S) over that of another filter in the same runs."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _estimate(_Resampled(*(x / y for x, y in zip(_time_mean(a), _time_mean(b), strict=True))))
+
+
+class _Resampled(NamedTuple):
+    """A statistic; of the SAMPLES times that are resampled: it, its resamples (RESAMPLES,), and with one unit left out."""
+
+    value: Array
+    least: Array
+    drawn: Array
+    without: Array
+
+
+def _time_mean(errors: Array) -> _Resampled:
     squares = np.square(errors)
     curve = np.sqrt(squares.mean(axis=0))
-    value = float(curve.mean())
     picked = np.unique(np.linspace(0, len(curve) - 1, SAMPLES).round().astype(int))
     units, (sizes, drawn_sizes) = resampling.units_of(squares[:, picked]), resampling.sizes(len(squares))
     few = resampling.resampled(units, RESAMPLES)
-    if len(units) < 2 or not math.isfinite(value):
-        return value, resampling.NO_INTERVAL
     drawn = np.sqrt(few / drawn_sizes[:RESAMPLES]).mean(axis=1)
     total, count = units.sum(axis=0), len(squares)
-    without = np.sqrt(np.maximum(total - units, 0) / (count - sizes)).mean(axis=1)
-    least = float(curve[picked].mean())
-    ((low, high),) = resampling.bca(drawn[:, None], np.array([least]), without[:, None])
-    scale = value / least if least else 1.0
+    with np.errstate(divide="ignore", invalid="ignore"):  # a single run
+        without = np.sqrt(np.maximum(total - units, 0) / (count - sizes)).mean(axis=1)
+    return _Resampled(curve.mean(), curve[picked].mean(), drawn, without)
+
+
+def _estimate(found: _Resampled) -> Estimate:
+    """The value is of all times; its interval is that of the resampled ones, scaled."""
+    value = float(found.value)
+    if len(found.without) < 2 or not math.isfinite(value):
+        return value, resampling.NO_INTERVAL
+    ((low, high),) = resampling.bca(found.drawn[:, None], np.array([found.least]), found.without[:, None])
+    scale = value / float(found.least) if found.least else 1.0
     return value, (float(low) * scale, float(high) * scale)
 
 

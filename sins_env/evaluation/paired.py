@@ -164,8 +164,11 @@ def difference_of_rates(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> Estimate:
 
 def probability_of_less(a: Array, b: Array) -> Estimate:
     """Part of the pairs in which a is less than b; ties count half."""
-    n = len(a)
-    part = float(((a < b) + 0.5 * (a == b)).mean())
+    return proportion(float(((a < b) + 0.5 * (a == b)).mean()), len(a))
+
+
+def proportion(part: float, n: int) -> Estimate:
+    """A share of n runs, with Wilson's score interval."""
     centre, half = part + _Z**2 / (2 * n), _Z * math.sqrt(part * (1 - part) / n + _Z**2 / (4 * n**2))
     scale = 1 + _Z**2 / n
     return part, (max((centre - half) / scale, 0.0), min((centre + half) / scale, 1.0))

@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env.evaluation import paired, quantities
+from sins_env.evaluation import paired, quantities, resampling
 from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.navigation import bound_means
+from sins_env.evaluation.navigation import bound_means, known_history, ratio_of_time_means
 from sins_env.evaluation.reproduction.verdicts import NOTHING, Estimate, mean, root_mean_square
 
 Array = NDArray[np.float64]
@@ -115,6 +115,43 @@ def ratio(name: str) -> Reader:
         return _estimate(paired.ratio_of_rms(a, b), len(mine))
 
     return read
+
+
+def ratio_of_armse(name: str) -> Reader:
+    """Reads the time mean of the RMS over runs of a quantity over that of another filter in the same runs."""
+
+    def read(one: Results, other: Results) -> Estimate:
+        mine, its = paired.common(one.records, other.records)
+        a, b = (lengths(r, name)[rows] for r, rows in ((one, mine), (other, its)))
+        return _estimate(ratio_of_time_means(a, b), len(mine))
+
+    return read
+
+
+def lengths(results: Results, name: str) -> Array:
+    """A quantity of navigation over the scored span, (R, seconds), rad, m/s or m; the worst once a run has raised."""
+    records = results.records
+    return quantities.length(known_history(records)[:, records.criteria.span], quantities.find(name, True))
+
+
+def failed(results: Results) -> Estimate:
+    """Reads the share of runs that did not come to a good end, %."""
+    return percentage(results.records.failed)
+
+
+def percentage(flags: NDArray[np.bool_]) -> Estimate:
+    """Share of runs (R,), %."""
+    value, (low, high) = paired.proportion(float(flags.mean()), len(flags))
+    return Estimate(100 * value, round(100 * low, 9), round(100 * high, 9), len(flags))
+
+
+def median(values: Array) -> Estimate:
+    """Median of values (R,); NaN marks the runs that are lost."""
+    known = values[np.isfinite(values)]
+    lost = len(values) - len(known)
+    if len(known) < 2:
+        return Estimate(math.nan, math.nan, math.nan, len(known), lost)
+    return _estimate(resampling.median_interval(known), len(known), lost)
 
 
 def cost(results: Results) -> Estimate:

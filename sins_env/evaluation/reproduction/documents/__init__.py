@@ -6,9 +6,12 @@ from sins_env.evaluation.reproduction.documents import (
     car_coarse,
     car_fine,
     car_interference,
+    lu,
+    sun2012,
     thesis_coarse,
     thesis_filters,
     thesis_together,
+    zhao2010,
 )
 from sins_env.evaluation.reproduction.tables import Table
 
@@ -19,4 +22,7 @@ TABLES: tuple[Table, ...] = (
     *car_coarse.TABLES,
     *car_fine.TABLES,
     *car_interference.TABLES,
+    *sun2012.TABLES,
+    *zhao2010.TABLES,
+    *lu.TABLES,
 )

@@ -1,0 +1,79 @@
+"""Examples 1 and 2 of 002: the adaptive filter as printed and with its safeguards, and the UKF told wrong and right.
+
+The system as printed explodes (:func:`exploded`), so the filters run on its bounded form, on the same measurements.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.filters import make_filter
+from solvers.filters.aukf import LITERAL
+from solvers.toy_models import Benchmark002, Track, Truth, changing_R
+from solvers.types import Array
+
+STEPS = 300
+#: The adaptive filter told wrong, with the recursion of the paper and with its safeguards; the UKF told wrong and right.
+FILTERS = ("as printed", "safeguarded", "UKF told wrong", "UKF told right")
+
+
+class Example(NamedTuple):
+    """Runs of an example."""
+
+    truth: Truth
+    noise: dict[str, Array]  #: true statistics that are estimated, by name: (steps,)
+    tracks: dict[str, Track]  #: of each of FILTERS
+
+    def estimate(self, label: str, name: str) -> Array:
+        """What a filter takes a statistic of the noise for, (steps, runs)."""
+        found: Array = self.tracks[label].noise[name].reshape(self.truth.z.shape[:2])
+        return found
+
+    def errors(self, label: str) -> Array:
+        """Estimate - truth, (steps, runs, 3)."""
+        return self.tracks[label].mean - self.truth.x
+
+
+def exploded(runs: int) -> NDArray[np.int64]:
+    """The step at which each run of the system as printed overflows, from 1 on; 0: it reaches the last. (runs,)"""
+    return Benchmark002("literal").simulate(np.random.default_rng(1), runs, STEPS).ended
+
+
+@lru_cache(maxsize=2)
+def example_1(runs: int) -> Example:
+    """Constant process noise, told q = 0 and Q = 0.2 instead of 0.2 and 0.4. # 002 (109), (112)"""
+    system = Benchmark002()
+    truth = system.simulate(np.random.default_rng(2), runs, STEPS)
+    noise = {"q": np.full(STEPS, system.q), "Q": np.full(STEPS, system.true_Q)}
+    told = {"q": 0.0, "Q": 0.2, "r": system.r, "R": system.R}
+    right = {"q": system.q, "Q": system.true_Q}
+    return Example(truth, noise, _tracks(system, truth, "aukf", {"adapt": "qQ"}, told, right))
+
+
+@lru_cache(maxsize=2)
+def example_2(runs: int) -> Example:
+    """Measurement noise that changes slowly, told R = 1; forgetting factor 0.95. # 002 (113-114)"""
+    system = Benchmark002()
+    truth = system.simulate(np.random.default_rng(3), runs, STEPS, R=changing_R)
+    noise = {"R": np.array([changing_R(k + 1) for k in range(STEPS)])}
+    told = {"q": system.q, "Q": system.true_Q, "r": system.r, "R": 1.0}
+    adapting = {"adapt": "R", "b": 0.95}
+    return Example(truth, noise, _tracks(system, truth, "aukf_fading", adapting, told, {"R": changing_R}))
+
+
+def _tracks(
+    system: Benchmark002,
+    truth: Truth,
+    adaptive: str,
+    settings: dict[str, Any],
+    told: dict[str, Any],
+    right: dict[str, Any],
+) -> dict[str, Track]:
+    ukf = make_filter("ukf")
+    printed, safe = make_filter(adaptive, **settings, **LITERAL), make_filter(adaptive, **settings)
+    filters = ((printed, told), (safe, told), (ukf, told), (ukf, told | right))
+    return {name: system.track(flt, truth.z, **given) for name, (flt, given) in zip(FILTERS, filters, strict=True)}
