@@ -153,8 +153,8 @@ def test_a_slice_from_the_runs_to_the_file(cli, short, tmp_path, monkeypatch):
     whole = next(p for p in thesis_filters.PRINTINGS if p.number == "4.1")
     columns = tuple(dataclasses.replace(column, mean_s=min(column.mean_s, 5.0)) for column in whole.columns)
     table = thesis_filters.table(dataclasses.replace(whole, end_s=20.0, columns=columns))
-    monkeypatch.setattr(reproduction, "TABLES", {"4.1": table})
-    code, _, _ = cli("reproduce", "--out", "out", "--workers", 1, "--runs", 3)
+    monkeypatch.setitem(reproduction.TABLES, "4.1", table)
+    code, _, _ = cli("reproduce", "4.1", "--out", "out", "--workers", 1, "--runs", 3)
     assert code == 0
     text = (tmp_path / "out" / "REPRODUCTION.md").read_text()
     rows = [line for line in text.splitlines() if line.startswith(("| UKF", "| H-infinity"))]

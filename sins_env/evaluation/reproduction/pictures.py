@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.plots import style
@@ -18,8 +19,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+Array = NDArray[np.float64]
+
 AXES = ("East", "North", "azimuth")
 BAND = (2.5, 97.5)  #: % of runs
+POINTS = 120  #: of a curve; more are heavy files, and not seen
 SIGMAS = 1.96  #: of the bound, so that it is as wide as the band
 
 
@@ -80,15 +84,25 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def _course(axes: Axes, course: Course, band: Results, single: Results, component: int, i: int, until_s: float) -> None:
-    t = np.asarray(band.records.criteria.history_t)
+    t, shown = _shown(band, until_s)
     look = style(i)
-    low, high = np.nanpercentile(band.records.history[:, :, component] / ARCSEC, BAND, axis=0)
+    low, high = np.nanpercentile(band.records.history[:, shown, component] / ARCSEC, BAND, axis=0)
     axes.fill_between(t, low, high, color=look["color"], alpha=0.13, linewidth=0)
-    own = np.asarray(single.records.criteria.history_t)
-    axes.plot(own, single.records.history[0, :, component] / ARCSEC, label=course.label, **look | {"linewidth": 1.3})
+    own, shown = _shown(single, until_s)
+    axes.plot(
+        own, single.records.history[0, shown, component] / ARCSEC, label=course.label, **look | {"linewidth": 1.3}
+    )
     printed = course.printed[component]
     if printed is not None:
         axes.plot([until_s], [printed], "o", color=look["color"], markeredgecolor="black", clip_on=False, zorder=5)
+
+
+def _shown(results: Results, until_s: float) -> tuple[Array, NDArray[np.int64]]:
+    """Times up to ``until_s`` and which they are: all at the start, where errors change fast, then POINTS of them."""
+    t = np.asarray(results.records.criteria.history_t)
+    last = int(np.searchsorted(t, until_s - 1e-6))
+    shown = np.unique(np.append(np.arange(min(POINTS // 4, last)), np.linspace(0, last, POINTS).astype(int)))
+    return t[shown], shown
 
 
 def _bound(axes: Axes, band: Results, component: int) -> None:

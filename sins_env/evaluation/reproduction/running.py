@@ -8,10 +8,12 @@ from typing import NamedTuple
 from sins_env.evaluation import registry
 from sins_env.evaluation.cost import measure_cost
 from sins_env.evaluation.filling import Evaluation, fill
-from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.monte_carlo import CHUNK_LEAST, Results
 from sins_env.evaluation.reproduction.tables import Group, Outcome, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import verdicts
 from sins_env.evaluation.store import Key, Store
+
+PORTION = 20  #: runs that a process takes at once of an evaluation of few
 
 
 class Drawn(NamedTuple):
@@ -48,12 +50,20 @@ def run_tables(
         wanted[one.key] = max(one, wanted.get(one.key, one), key=lambda each: len(each.runs))
     for task in {one.task.name: one.task for one in wanted.values()}.values():
         store.add_task(task)
-    fill(store, list(wanted.values()), workers=workers, cost=False, resume="the same command continues")
+    for part, chunk in _portions(list(wanted.values())):
+        fill(store, part, workers=workers, chunk=chunk, cost=False, resume="the same command continues")
     for one in (one for plan in plans for one in plan.timed()):
         if store.results(one.key, one.runs[:1]).cost is None and (cost := measure_cost(*one[:3])):
             store.add_cost(one.key, cost)
     shelf = _Shelf(store)
     return [plan.made(shelf) for plan in plans]
+
+
+def _portions(wanted: Sequence[Evaluation]) -> Iterable[tuple[list[Evaluation], int | None]]:
+    """Those of few runs, and how many of these a process takes at once: by default one would take them all."""
+    few = [one for one in wanted if len(one.runs) <= CHUNK_LEAST]
+    yield few, PORTION
+    yield [one for one in wanted if one not in few], None
 
 
 class _Shelf:
@@ -79,51 +89,53 @@ class _Plan:
             (group, runs or (group.quick if quick else group.runs), _missing(group)) for group in table.groups
         ]
         self._pictures = [(p, runs or (p.quick if quick else p.runs)) for p in table.pictures]
+        self._evaluations: dict[tuple[str, int], Evaluation] = {}
 
     def evaluations(self) -> Iterable[Evaluation]:
         for group, runs, missing in self._groups:
-            for line in group.lines if not missing else ():
-                yield from (_evaluation(source, runs) for source in line.sources)
+            yield from (self._evaluation(source, runs) for source in (() if missing else group.sources))
         for picture, runs in self._pictures:
-            yield from _of_picture(picture, runs)
+            yield from self._of_picture(picture, runs)
 
     def timed(self) -> Iterable[Evaluation]:
         for group, runs, missing in self._groups:
             for line in group.lines:
                 if line.timed and not missing:
-                    yield from (_evaluation(source, runs) for source in line.sources)
+                    yield from (self._evaluation(source, runs) for source in line.sources)
 
     def made(self, shelf: _Shelf) -> Made:
-        outcomes = tuple(_outcome(group, runs, missing, shelf) for group, runs, missing in self._groups)
-        pictures = tuple(Drawn(p, tuple(map(shelf, _of_picture(p, runs)))) for p, runs in self._pictures)
+        outcomes = tuple(self._outcome(group, runs, missing, shelf) for group, runs, missing in self._groups)
+        pictures = tuple(Drawn(p, tuple(map(shelf, self._of_picture(p, runs)))) for p, runs in self._pictures)
         return Made(self.table, outcomes, pictures)
+
+    def _outcome(self, group: Group, runs: int, missing: str, shelf: _Shelf) -> Outcome:
+        if missing:
+            return Outcome(group, (), (), missing)
+        if group.compute:
+            ours = tuple(group.compute(runs))
+        else:
+            found = ([shelf(self._evaluation(source, runs)) for source in line.sources] for line in group.lines)
+            ours = tuple(line.read(*results) for line, results in zip(group.lines, found, strict=True))
+        return Outcome(group, ours, tuple(verdicts([line.printed for line in group.shown], ours)))
+
+    def _of_picture(self, picture: Picture, runs: int) -> list[Evaluation]:
+        bands = [self._evaluation(one, runs) for one in picture.sources]
+        return [*bands, *(self._evaluation(one, 1) for one in picture.singles)]
+
+    def _evaluation(self, source: Source, runs: int) -> Evaluation:
+        """Each worked out once: the version of a solver's code is a hash of all sources."""
+        name = source.name, min(runs, source.task.max_runs or runs)
+        if name not in self._evaluations:
+            self._evaluations[name] = Evaluation.of(*source, range(name[1]), None)
+        return self._evaluations[name]
 
 
 def _missing(group: Group) -> str:
     """Why a group cannot be run: the recording is not there. Solvers and settings that do not fit are errors."""
-    for task, solver, settings in (source for line in group.lines for source in line.sources):
+    for task, solver, settings in group.sources:
         registry.make(solver, settings)
         try:
             task.make(1).close()
         except FileNotFoundError as error:
             return str(error)
     return ""
-
-
-def _evaluation(source: Source, runs: int) -> Evaluation:
-    most = source.task.max_runs or runs
-    return Evaluation.of(source.task, source.solver, source.settings, range(min(runs, most)), None)
-
-
-def _of_picture(picture: Picture, runs: int) -> list[Evaluation]:
-    return [*(_evaluation(one, runs) for one in picture.sources), *(_evaluation(one, 1) for one in picture.singles)]
-
-
-def _outcome(group: Group, runs: int, missing: str, shelf: _Shelf) -> Outcome:
-    if missing:
-        return Outcome(group, (), (), missing)
-    if group.compute:
-        ours = tuple(group.compute(runs))
-    else:
-        ours = tuple(line.read(*(shelf(_evaluation(source, runs)) for source in line.sources)) for line in group.lines)
-    return Outcome(group, ours, tuple(verdicts([line.printed for line in group.shown], ours)))

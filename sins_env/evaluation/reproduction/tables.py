@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -20,6 +21,11 @@ class Source(NamedTuple):
     task: EvaluationTask
     solver: str
     settings: Mapping[str, Any] = {}
+
+    @property
+    def name(self) -> str:
+        """What tells it from others."""
+        return json.dumps([self.task.name, self.solver, dict(self.settings)], sort_keys=True)
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,11 @@ class Group:
     @property
     def shown(self) -> tuple[Line | Claim, ...]:
         return self.lines or self.claims
+
+    @property
+    def sources(self) -> list[Source]:
+        """Those of all lines, each once."""
+        return list({source.name: source for line in self.lines for source in line.sources}.values())
 
 
 @dataclass(frozen=True)
