@@ -26,6 +26,7 @@ from sins_env.evaluation.tasks import EvaluationTask, get_task, run_numbers, sui
 Report = Callable[[float, float], None]
 
 CHUNK_LEAST, CHUNK_MOST = 64, 256
+DIED = "its worker process died twice (out of memory, or a crash)"
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ def evaluate(
     parts: list[Records] = []
     with runner(executor, workers, len(jobs)) as where:
         for job, found in where.run(jobs, lambda done: report(min(done * epoch, total), total)):
-            records = found or lost_records(job, "its worker process died twice (out of memory, or a crash)")
+            records = found or lost_records(job, DIED)
             parts.append(records)
             if on_records:
                 on_records(records)

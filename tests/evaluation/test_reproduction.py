@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sins_env.evaluation import monte_carlo, reproduction
-from sins_env.evaluation.reproduction import get_table, names
+from sins_env.evaluation import reproduction
+from sins_env.evaluation.reproduction import get_table, names, queueing
 from sins_env.evaluation.reproduction.documents import car_coarse
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
 from sins_env.evaluation.reproduction.verdicts import (
@@ -28,6 +28,7 @@ from sins_env.evaluation.reproduction.verdicts import (
     root_mean_square,
     verdicts,
 )
+from sins_env.evaluation.store import Store
 
 PLUGIN = "plugins:"
 
@@ -215,7 +216,7 @@ def test_the_command(cli, small, tmp_path, monkeypatch):
     assert [runs for _, runs, _ in first] == [3, 3]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(monte_carlo, "evaluate", None)  # nothing is evaluated again
+        patch.setattr(queueing, "runner", None)  # nothing is run again
         assert cli(*given, "9.9", "--quick")[1] == out
     assert stored_runs() == first
     assert cli(*given, "9.9")[0] == 0
@@ -255,18 +256,15 @@ def test_an_interrupted_command_goes_on(cli, small, tmp_path, monkeypatch):
     given = ("reproduce", "--out", "out", "--workers", 1)
     whole = cli("reproduce", "--out", "whole", "--workers", 1)[1]
 
-    evaluate = monte_carlo.evaluate
-
-    def interrupted(task, solver, *rest, **more):
-        if solver.endswith("Told"):
+    def interrupted(store, key, records):
+        if key.solver.endswith("Told"):
             raise KeyboardInterrupt
-        return evaluate(task, solver, *rest, **more)
+        add(store, key, records)
 
-    monkeypatch.setattr(monte_carlo, "evaluate", interrupted)
-    code, out, err = cli(*given)
+    add = Store.add
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Store, "add", interrupted)
+        code, out, err = cli(*given)
     assert (code, out) == (130, "")
-    assert err == [
-        "sins-env: interrupted: 0 runs of plugins:Told on short-v0 are in out/results.sqlite; the same command continues"
-    ]
-    monkeypatch.setattr(monte_carlo, "evaluate", evaluate)
+    assert err == ["sins-env: interrupted: 6 of 12 runs are in out/results.sqlite; the same command continues"]
     assert cli(*given)[1] == whole

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from sins_env.evaluation import registry
 from sins_env.evaluation.cost import measure_cost
-from sins_env.evaluation.filling import Evaluation, fill
-from sins_env.evaluation.monte_carlo import CHUNK_LEAST, Results
+from sins_env.evaluation.filling import Evaluation
+from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.reproduction.queueing import fill
 from sins_env.evaluation.reproduction.tables import Group, Outcome, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import verdicts
 from sins_env.evaluation.store import Key, Store
-
-PORTION = 20  #: runs that a process takes at once of an evaluation of few
 
 
 class Drawn(NamedTuple):
@@ -50,20 +50,12 @@ def run_tables(
         wanted[one.key] = max(one, wanted.get(one.key, one), key=lambda each: len(each.runs))
     for task in {one.task.name: one.task for one in wanted.values()}.values():
         store.add_task(task)
-    for part, chunk in _portions(list(wanted.values())):
-        fill(store, part, workers=workers, chunk=chunk, cost=False, resume="the same command continues")
+    fill(store, list(wanted.values()), workers)
     for one in (one for plan in plans for one in plan.timed()):
         if store.results(one.key, one.runs[:1]).cost is None and (cost := measure_cost(*one[:3])):
             store.add_cost(one.key, cost)
     shelf = _Shelf(store)
     return [plan.made(shelf) for plan in plans]
-
-
-def _portions(wanted: Sequence[Evaluation]) -> Iterable[tuple[list[Evaluation], int | None]]:
-    """Those of few runs, and how many of these a process takes at once: by default one would take them all."""
-    few = [one for one in wanted if len(one.runs) <= CHUNK_LEAST]
-    yield few, PORTION
-    yield [one for one in wanted if one not in few], None
 
 
 class _Shelf:
@@ -84,11 +76,12 @@ class _Plan:
     """What a table needs."""
 
     def __init__(self, table: Table, runs: int | None, quick: bool) -> None:
-        self.table = table
+        # single runs cost as much as many together: a quick look has none
+        self.table = replace(table, pictures=tuple(p for p in table.pictures if not (quick and p.singles)))
         self._groups = [
             (group, runs or (group.quick if quick else group.runs), _missing(group)) for group in table.groups
         ]
-        self._pictures = [(p, runs or (p.quick if quick else p.runs)) for p in table.pictures]
+        self._pictures = [(p, runs or (p.quick if quick else p.runs)) for p in self.table.pictures]
         self._evaluations: dict[tuple[str, int], Evaluation] = {}
 
     def evaluations(self) -> Iterable[Evaluation]:
