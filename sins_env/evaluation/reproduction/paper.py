@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -78,14 +77,16 @@ class Papers:
         printed = outcome.group.shown[i].printed
         return Found(printed.text if printed else "-", outcome.ours[i], outcome.verdicts[i])
 
-    def labels(self, table: str, group: str, end: str) -> list[str]:
-        """Those of the lines of a group that end so."""
-        groups = [one for one in self._made[table].table.groups if group in one.title]
-        return [line.label for one in groups for line in one.shown if line.label.endswith(end)]
-
-    def numbered(self, pattern: str) -> list[str]:
-        """The tables whose number matches."""
-        return [number for number in self._made if re.fullmatch(pattern, number)]
+    def ending(self, group: str, end: str) -> list[tuple[str, str]]:
+        """Table and label of the lines of 000 in groups with these words that end so; what a table repeats, once."""
+        found = {
+            (line.task.name, line.solver, line.printed): (number, line.label)
+            for number, made in reversed(self._made.items())
+            for one in made.table.groups
+            for line in one.lines
+            if made.table.source == "000" and group in one.title and line.label.endswith(end)
+        }
+        return sorted(found.values())
 
     def ran(self, table: str, group: str) -> bool:
         """Whether there is such a group and its recording was there."""
@@ -128,8 +129,7 @@ def paper(made: Sequence[Made], store: Store, quick: bool) -> str:
     sessions = {one.id: one for key in keys for one in store.sessions(key)}
     values: dict[str, Any] = {
         "line": papers.line,
-        "labels": papers.labels,
-        "numbered": papers.numbered,
+        "ending": papers.ending,
         "claims": [(one.document, one.text, papers.line(one.table, one.group, one.line)) for one in CLAIMS],
         "extremes": [number(size) for size in printed_extremes()],
         "ran": papers.ran,
