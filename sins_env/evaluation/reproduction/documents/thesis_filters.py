@@ -95,7 +95,7 @@ class Saying(NamedTuple):
 
 
 SMALLER, LARGER = Said("smaller", high=1.0), Said("larger", low=1.0)
-ALIKE = Said("alike", 0.8, 1.25)
+ALIKE = Said("alike, 0.8 to 1.25", 0.8, 1.25)
 
 
 @dataclass(frozen=True)
@@ -256,9 +256,9 @@ SAME_RUN = (
     "same error in a run, so they cannot be as far apart as printed."
 )
 LEARNS = (
-    "Told far too much velocity noise, the UKF still weighs its fixes as it did at the start and has not converged: that is the "
-    "printed story. Whatever a filter does about it, the bound stays where it was, and the printed azimuths of the new filters "
-    "lie far below it."
+    "Told far too much velocity noise, the UKF takes for noise what the azimuth does to the velocity, and has not converged: that "
+    "is the printed story. Whatever a filter does about it, the bound stays where it was, and the printed azimuths of the "
+    "new filters lie far below it."
 )
 HINF = (
     " The smoother of the name (SPS) goes backwards in time and leaves the estimate at the end as it was, so that ours is the "
@@ -292,10 +292,8 @@ def _levels(one: str, said: Said, other: str = "UKF") -> Saying:
     return Saying(one, other, LEVELS, said)
 
 
-SCALED = {
-    "alpha": 1e-3,
-    "beta": 2.0,
-}  #: the points of 000 section 3.3.2 (with the defaults they are the cubature filter's)
+#: Scaled points with the beta of 000 section 3.3.2, which does not state alpha; by default they are the cubature filter's.
+SCALED = {"alpha": 1e-3, "beta": 2.0}
 SPKF = Printing(
     "3.figures",
     WHITE,
@@ -436,6 +434,7 @@ PRINTINGS = (
         ),
         (Saying("CGPF", "GPF", AZIMUTH, SMALLER), _levels("GPF", ALIKE), _levels("CGPF", ALIKE)),
         (SAME_RUN + PARTICLES_WHY, PARTICLES_TOLD),
+        note="The text below the table says RQMC-GPF where it means CGPF.",
     ),
     Printing(
         "5.4",
