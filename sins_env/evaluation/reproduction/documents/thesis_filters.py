@@ -278,8 +278,12 @@ PARTICLES_TOLD = (
     "the method nor above the bound."
 )
 SPKF_WHY = (
-    "What differs between the three are moments of the large start, in the first seconds. The differences of a single run say "
-    "nothing of which is better: over runs they have no side."
+    "The three differ in what they make of the large start, in the first seconds, which the fixes then wipe out: what is left at "
+    "the end is a small part of the error itself, and a single run cannot say which filter is better."
+)
+SPKF_TOLD = (
+    "A filter that has not converged still has in it what its points made of the large start: the three are further apart than "
+    "under the matched prior, and a single run cannot say which is better."
 )
 COST_WHY = "Ours is vectorised NumPy, where a filter of few points is paid in calls rather than in points."
 
@@ -307,7 +311,7 @@ SPKF = Printing(
         Saying("UKF", "DDF2", AZIMUTH, ALIKE),
         Saying("CKF", "DDF2", AZIMUTH, ALIKE),
     ),
-    (SPKF_WHY, SPKF_WHY),
+    (SPKF_WHY, SPKF_TOLD),
     level_s=0.0,
     apart=10.0,
     costs=(("DDF2", "UKF"), ("UKF", "CKF")),
