@@ -60,10 +60,10 @@ def _draw_rms(rows: Sequence[Row], printed: Mapping[str, Sequence[float]], resul
             axes.set_title(f"{QUANTITIES[name].name}: {row.words}", loc="left", fontsize=9)
     for axes in panels[-1]:
         axes.set_xlabel("time, s")
-    for axes, name in zip(panels[0], printed, strict=True):
-        _log(axes)
-        for below in panels[:, list(printed).index(name)]:
-            below.set_ylabel(f"RMS, {QUANTITIES[name].unit_name}")
+    for column, name in zip(panels.T, printed, strict=True):
+        _log(column)
+        for axes in column:
+            axes.set_ylabel(f"RMS, {QUANTITIES[name].unit_name}")
     _legend(figure, panels)
     return figure
 
@@ -140,10 +140,13 @@ def _plain(axes: Axes) -> None:
     axes.tick_params(labelsize=9)
 
 
-def _log(axes: Axes) -> None:
+def _log(column: NDArray[np.object_]) -> None:
+    """A scale for all panels of a column; intervals of few runs reach down to zero and are cut."""
     from matplotlib.ticker import FuncFormatter
 
+    axes = column[0]
     axes.set_yscale("log")
+    axes.set_ylim(bottom=0.7 * min(np.min(line.get_ydata()) for one in column for line in one.lines))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_formatter(FuncFormatter(few_labels(axes.yaxis)))
 
