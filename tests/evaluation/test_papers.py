@@ -64,6 +64,13 @@ def test_quotients_of_time_means(flown):
     assert (same.low, same.high, same.runs) == (pytest.approx(1.0, abs=1e-6), pytest.approx(1.0, abs=1e-6), RUNS)
 
 
+def test_cost_in_a_batch_and_failures(flown):
+    steps = [np.median(flown[label].records.step_s) for label in ("ckf", "ekf")]
+    found = readings.batch_cost_against(flown["ckf"], flown["ekf"])
+    assert found == (steps[0] / steps[1],) * 3 + (RUNS, *found[4:])
+    assert readings.failed(flown["ekf"]).value == pytest.approx(100 * flown["ekf"].records.failed.mean())
+
+
 def test_the_interval_of_a_quotient_is_that_of_resampled_runs():
     rng = np.random.default_rng(3)
     scale = np.exp(0.5 * rng.standard_normal((60, 1)))

@@ -166,6 +166,12 @@ def cost_against(one: Results, other: Results) -> Estimate:
     return Estimate(a / b, a / b, a / b, 1)
 
 
+def batch_cost_against(one: Results, other: Results) -> Estimate:
+    """Reads the median over runs of their share of what their batch cost, relative to that of another filter."""
+    a, b = (float(np.median(results.records.step_s)) for results in (one, other))
+    return Estimate(a / b, a / b, a / b, len(one.records))
+
+
 def _estimate(found: paired.Estimate, runs: int, lost: int = 0) -> Estimate:
     value, (low, high) = found
     return Estimate(value, low, high, runs, lost)
