@@ -146,20 +146,29 @@ def first_epoch(task):
     return obs, prior
 
 
-def test_a_slice_from_the_runs_to_the_file(cli, short, tmp_path, monkeypatch):
-    """Table 4.1 on 20 s: every line has a figure, the single runs start as the thesis says, the picture is there."""
+@pytest.mark.parametrize(("number", "lines"), [("4.1", 14), ("5.2", 22)])
+def test_a_slice_from_the_runs_to_the_file(cli, short, tmp_path, monkeypatch, number, lines):
+    """Tables on 20 s, of 5.2 the first ten: every line has a figure, also against runs that go on for longer."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(thesis_filters.BASES, thesis_filters.WHITE, short)
-    whole = next(p for p in thesis_filters.PRINTINGS if p.number == "4.1")
-    columns = tuple(dataclasses.replace(column, mean_s=min(column.mean_s, 5.0)) for column in whole.columns)
-    table = thesis_filters.table(dataclasses.replace(whole, end_s=20.0, columns=columns))
-    monkeypatch.setitem(reproduction.TABLES, "4.1", table)
-    code, _, _ = cli("reproduce", "4.1", "--out", "out", "--workers", 1, "--runs", 3)
+    whole = next(p for p in thesis_filters.PRINTINGS if p.number == number)
+    monkeypatch.setitem(thesis_filters.BASES, whole.noise, dataclasses.replace(short, what="20 s, matched prior"))
+    monkeypatch.setattr(thesis_filters, "SHORTER_S", 10.0)
+    few = {"particles": 64}
+    columns = tuple(
+        dataclasses.replace(
+            column, mean_s=min(column.mean_s, 5.0), settings=few if column.single else {}, single={}
+        )
+        for column in whole.columns
+    )  # fmt: skip
+    end_s = 20.0 if number == "4.1" else 10.0
+    table = thesis_filters.table(dataclasses.replace(whole, end_s=end_s, columns=columns, costs=()))
+    monkeypatch.setitem(reproduction.TABLES, number, table)
+    code, _, _ = cli("reproduce", number, "--out", "out", "--workers", 1, "--runs", 3)
     assert code == 0
     text = (tmp_path / "out" / "REPRODUCTION.md").read_text()
-    rows = [line for line in text.splitlines() if line.startswith(("| UKF", "| H-infinity"))]
-    assert len(rows) == 2 * 14
-    assert not any("nan" in row for row in rows)
+    rows = [line for line in text.splitlines() if line.startswith(("| UKF", "| H-infinity", "| GPF", "| RQMC"))]
+    assert len(rows) == 2 * lines
+    assert not any("nan" in row or "too few" in row for row in rows)
     assert "![" + table.pictures[0].caption in text
-    svg = (tmp_path / "out" / "figures" / "table-4-1.svg").read_text()
+    svg = (tmp_path / "out" / "figures" / f"table-{number.replace('.', '-')}.svg").read_text()
     assert svg.count("prior of the thesis") == 3  # a panel an axis
