@@ -11,6 +11,7 @@ from scipy import stats
 from sins_env.evaluation import reproduction
 from sins_env.evaluation.reproduction import get_table, names, queueing
 from sins_env.evaluation.reproduction.documents import car_coarse
+from sins_env.evaluation.reproduction.showing import markdown
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
 from sins_env.evaluation.reproduction.verdicts import (
     IN_ORDER,
@@ -192,6 +193,7 @@ def small(short, monkeypatch):
         ),
     )
     monkeypatch.setattr(reproduction, "TABLES", {"9.9": table})
+    monkeypatch.setattr(command, "paper", lambda made, *_: f"# Published results\n{markdown(*made[0][:2])}")
     return table
 
 

@@ -157,13 +157,13 @@ def median(values: Array) -> Estimate:
 def cost(results: Results) -> Estimate:
     """Reads what a step costs, relative to ckf in the same process; a measurement has no interval over runs."""
     found = results.cost.ratio if results.cost else None
-    return Estimate(found, found, found, 1) if found is not None else NOTHING
+    return Estimate(found, found, found, 0) if found is not None else NOTHING
 
 
 def cost_against(one: Results, other: Results) -> Estimate:
     """Reads what a step costs, relative to that of another filter."""
     a, b = cost(one).value, cost(other).value
-    return Estimate(a / b, a / b, a / b, 1)
+    return Estimate(a / b, a / b, a / b, 0)
 
 
 def batch_cost_against(one: Results, other: Results) -> Estimate:

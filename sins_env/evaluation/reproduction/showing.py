@@ -42,7 +42,7 @@ def _columns(outcome: Outcome) -> list[int]:
 
 def _heading(outcome: Outcome) -> str:
     """The group's conditions, its unit and how many runs stand behind it."""
-    counts = {ours.runs + ours.lost for ours in outcome.ours}
+    counts = {ours.runs + ours.lost for ours in outcome.ours} - {0}  # a cost is of no runs
     runs = f"; {'/'.join(map(str, sorted(counts)))} runs" if counts else ""
     return f"{outcome.group.title} ({outcome.group.unit}{runs})"
 
