@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from sins_env.evaluation import reproduction
-from sins_env.evaluation.reproduction import get_table, names, queueing
+from sins_env.evaluation.reproduction import command, get_table, names, queueing
 from sins_env.evaluation.reproduction.documents import car_coarse
 from sins_env.evaluation.reproduction.showing import markdown
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
