@@ -3,6 +3,7 @@
 import importlib
 import json
 import math
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -92,19 +93,25 @@ def test_pyins_flies_the_same_record(peers):
 
 
 @pytest.mark.filterwarnings("ignore:The copy keyword is deprecated")
-def test_what_is_not_installed_is_said_and_the_others_are_measured(peers, monkeypatch):
+def test_what_is_not_installed_or_fails_is_said_and_the_others_are_measured(peers, monkeypatch):
+    def broken(self, *args, **kwargs):
+        raise TypeError("on purpose")
+
     monkeypatch.setattr(peers["measuring"], "BLOCK_S", 1e-4)
     for name in ("jax", "dynamax", "stonesoup", "kalman_py"):
         monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.setattr(peers["on_filterpy"].EKF, "update", broken)
     result = peers["measuring"].measured(steps=2, rounds=1, sizes=[2])
     assert {row["peer"] for row in result["rows"]} == {"sins_env", "filterpy"}
-    assert set(result["absent"]) == {"PSINS", "Stone Soup", "kalman-py", "dynamax"}
-    assert "Stone Soup: not measured, not installed" in " ".join(peers["tables"].notes(result))
+    assert set(result["absent"]) == {"PSINS", "Stone Soup", "kalman-py", "dynamax", "filterpy EKF (NumPy)"}
+    assert "Stone Soup: not measured, cannot be imported" in " ".join(peers["tables"].notes(result))
+    assert "filterpy EKF (NumPy): not measured, TypeError: on purpose." in peers["tables"].notes(result)
+    assert -0.1 < result["others_busy_cores"] < os.cpu_count()
     assert all(row["us_per_step"] > 0 and row["steps_per_s"]["2"] > 0 for row in result["rows"])
     assert result.keys() == RESULT.keys()
     assert result["rows"][0].keys() == RESULT["rows"][0].keys()
     rows = peers["tables"].document(result).splitlines()
-    assert sum(line.startswith("| filterpy") for line in rows) == 4
+    assert sum(line.startswith("| filterpy") for line in rows) == 3
 
 
 def test_a_package_that_cannot_be_installed_is_one_line(peers, monkeypatch, capsys):

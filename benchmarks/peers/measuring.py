@@ -21,7 +21,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
-from rich.progress import Progress
+from rich.progress import Progress, track
 
 from peers import flight, ours
 from peers.contest import Entry
@@ -114,19 +114,52 @@ def load(name: str, absent: dict[str, str]) -> Any:
     try:
         return importlib.import_module(f"peers.{PEERS[name].module}")
     except ImportError as error:
-        absent[name] = f"not installed: {error}"
+        absent[name] = f"cannot be imported: {error}"
         return None
 
 
-def entered(problem: Problem, peers: dict[str, Any], sizes: Sequence[int]) -> list[Entered]:
+def entered(problem: Problem, peers: dict[str, Any], sizes: Sequence[int], absent: dict[str, str]) -> list[Entered]:
+    """The filters whose first calls come to an end; the others, with the error, in ``absent``."""
     found = []
-    for peer, module in peers.items():
-        for entry in module.entries():
+    every = [(peer, entry) for peer, module in peers.items() for entry in module.entries()]
+    for peer, entry in track(every, "first calls"):
+        label = f"{peer} {entry.filter}"
+        try:
             numbers = [1, *sizes] if entry.batched else [1, FEW]
-            label = f"{peer} {entry.filter}"
             blocks = {n: Timed(label, entry.make(problem, n), n * problem.steps) for n in numbers}
+            for timed in blocks.values():
+                timed.begin()
+        except Exception as error:  # one filter that fails must not hide the others
+            absent[f"{label} ({entry.numbers})"] = f"{type(error).__name__}: {error}"
+        else:
             found.append(Entered(peer, entry, blocks))
     return found
+
+
+def flown(steps: int, navigator: Any) -> dict[str, Timed]:
+    """The INS of pyins (None: it is not there) and ours."""
+    tape = flight.record(steps)
+    found = {"sins_env": Timed("sins_env INS", flight.ours(tape, steps), steps)}
+    if navigator is not None:
+        found["pyins"] = Timed("pyins INS", navigator.feedback_filter(tape, steps), steps)
+    for timed in found.values():
+        timed.begin()
+    return found
+
+
+def play(every: Sequence[Timed], rounds: int) -> float | None:
+    """Times every block in every round; the cores that other processes kept busy meanwhile, where the system tells."""
+    begin, before = time.perf_counter(), others_s()
+    with Progress() as progress:
+        bar = progress.add_task("", total=len(every) * rounds)
+        for turn in range(rounds):
+            for timed in every:
+                progress.update(bar, description=f"round {turn + 1}: {timed.label:<16}")
+                timed.again()
+                progress.advance(bar)
+            gc.collect()
+    after = others_s()
+    return None if before is None or after is None else (after - before) / (time.perf_counter() - begin)
 
 
 def measured(steps: int, rounds: int, sizes: Sequence[int]) -> dict[str, Any]:
@@ -136,24 +169,11 @@ def measured(steps: int, rounds: int, sizes: Sequence[int]) -> dict[str, Any]:
     modules = {name: load(name, absent) for name in PEERS if name not in absent}
     there = {name: module for name, module in modules.items() if module is not None}
     navigator = there.pop("pyins", None)
-    loads = [os.getloadavg()[0]]
     problem = record(TASK, max(FEW, *sizes), steps)
-    entries = entered(problem, {"sins_env": ours, **there}, sizes)
-    tape = flight.record(steps)
-    flights = {"sins_env": Timed("sins_env INS", flight.ours(tape, steps), steps)}
-    if navigator is not None:
-        flights["pyins"] = Timed("pyins INS", navigator.feedback_filter(tape, steps), steps)
-    all_timed = [t for e in entries for t in e.blocks.values()] + list(flights.values())
-    with Progress() as progress:
-        bar = progress.add_task("", total=len(all_timed) * (rounds + 1))
-        for turn in range(rounds + 1):
-            for timed in all_timed:
-                progress.update(
-                    bar, description=f"{'first calls' if turn == 0 else f'round {turn}'}: {timed.label:<16}"
-                )
-                timed.again() if turn else timed.begin()
-                progress.advance(bar)
-            gc.collect()
+    entries = entered(problem, {"sins_env": ours, **there}, sizes, absent)
+    flights = flown(steps, navigator)
+    loads = [os.getloadavg()[0]]
+    others = play([*(t for e in entries for t in e.blocks.values()), *flights.values()], rounds)
     loads.append(os.getloadavg()[0])
     reference = {e.entry.filter: e.blocks[sizes[0]].end for e in entries if e.peer == "sins_env"}
     loud = replace(problem, Q=NOISIER * problem.Q)
@@ -162,6 +182,7 @@ def measured(steps: int, rounds: int, sizes: Sequence[int]) -> dict[str, Any]:
         "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d"),
         "machine": machine(),
         "load": loads,
+        "others_busy_cores": others,
         "versions": versions([name for name, module in modules.items() if module is not None]),
         "absent": absent,
         "task": TASK,
@@ -185,6 +206,17 @@ def versions(names: Sequence[str]) -> dict[str, str]:
         with contextlib.suppress(PackageNotFoundError):
             found[name] = version(name)
     return found
+
+
+def others_s() -> float | None:
+    """Seconds that other processes have had a core so far, summed over the cores; None where the system does not tell."""
+    try:
+        with open("/proc/stat") as lines:
+            user, nice, system, _, _, irq, softirq, steal = (int(ticks) for ticks in lines.readline().split()[1:9])
+    except OSError:
+        return None
+    busy = (user + nice + system + irq + softirq + steal) / os.sysconf("SC_CLK_TCK")
+    return busy - time.process_time()
 
 
 def machine() -> dict[str, Any]:

@@ -12,7 +12,8 @@ from peers.features import FEATURES, PACKAGES
 FILTERS = ("KF", "EKF", "UKF", "CKF")
 SAME = 1e-8  #: standard deviations up to which two filters are told to be the same
 CLEARLY = 1.1  #: times as fast, from which on one is told to be faster
-BUSY = 1.5  #: load above which the machine was not quiet; one is the measurement's own
+QUIET = 0.1  #: cores that other processes may have kept busy on a quiet machine
+OWN = 1.0  #: load of the measurement itself
 
 Result = Mapping[str, Any]
 
@@ -50,7 +51,7 @@ def conditions(result: Result) -> list[str]:
     return [
         f"{result['task']}: ten states, two measurements, {result['steps']} steps. One core; CPU time, median of "
         f"{result['rounds']} interleaved rounds. One run: microseconds per step. More: thousand run-steps per second; "
-        f"* one run after another, timed on {result['looped_runs']} of them. Compiles: the first call.",
+        f"a star: one run after another, timed on {result['looped_runs']} of them. Compiles: the first call.",
         "Off: the largest difference at the end from our filter of the same kind, in standard deviations.",
     ]
 
@@ -100,8 +101,9 @@ def worst(row: Result) -> float:
 def where(result: Result) -> str:
     machine = result["machine"]
     versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
-    load = max(result["load"])
-    busy = f"; the machine was busy (load {load:.1f}): the times are long, the ratios better" if load > BUSY else ""
+    others, load = result["others_busy_cores"], max(result["load"])
+    quiet = others < QUIET if others is not None else load < OWN + QUIET
+    busy = "" if quiet else f"; the machine was busy (load {load:.1f}): the times are long, the ratios better"
     return (
         f"{result['date']}, {machine['processor']}, {machine['cores']} cores, {machine['system']}, "
         f"Python {machine['python']}, {versions}{busy}."
