@@ -34,9 +34,10 @@ reproduce: $(STAMP)  ## every published table again: reproduction/REPRODUCTION.m
 	$(BIN)/sins-env reproduce
 
 $(STAMP): pyproject.toml
+	@echo "Building $(VENV) and installing into it: a minute or more, once."
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --editable ".[dev]"
 	touch $@
 
 clean:
