@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import pickle
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -34,6 +36,22 @@ class Check(NamedTuple):
 
 class _Bad(Exception):
     """What is wrong, in one line."""
+
+
+def _raised(error: Exception, obs: Mapping[str, Any]) -> str:
+    """An estimator's own exception: what, where, and what there is if it looked for something else."""
+    text = f"raised {type(error).__name__}: {' '.join(str(error).split())}"
+    frames = traceback.extract_tb(error.__traceback__)
+    last = max((i for i, frame in enumerate(frames) if frame.filename == __file__), default=-1)
+    inside = frames[last + 1 :]
+    own = [frame for frame in inside if frame.filename == inside[0].filename]  # not those of libraries that it calls
+    if own:
+        text += f" ({Path(own[-1].filename).name}, line {own[-1].lineno})"
+    if isinstance(error, KeyError) and error.args and isinstance(error.args[0], str) and error.args[0] not in obs:
+        text += f"; an observation has {', '.join(obs)}"
+    if isinstance(error, TypeError) and not inside:  # the call itself did not fit
+        text += f"; allowed: {registry.MEMBERS['reset']} and {registry.MEMBERS['step']}"
+    return text
 
 
 class _World:
@@ -91,11 +109,15 @@ class _Checker:
         shape = (self.width,) if runs is None else (runs, self.width)
         actions = []
         for k, obs in enumerate(observations, start=1):
-            action = np.array(estimator.step(obs), dtype=np.float64)
+            given = estimator.step(obs)
+            if given is None:
+                raise _Bad(f"step returned None at epoch {k}; allowed: an array of shape {shape}")
+            action = np.array(given, dtype=np.float64)
             if action.shape != shape:
                 raise _Bad(f"step returned shape {action.shape} at epoch {k}; allowed: {shape}")
             if not np.isfinite(action).all() or not np.any(action[..., :4], axis=-1).all():
-                raise _Bad(f"step returned {np.array2string(action, precision=3)} at epoch {k}: no attitude")
+                shown = " ".join(np.array2string(action, precision=3, threshold=16).split())
+                raise _Bad(f"step returned {shown} at epoch {k}: no attitude; allowed: finite, and not all zero")
             actions.append(action)
         return np.array(actions)
 
@@ -106,7 +128,7 @@ class _Checker:
             estimator.reset(task, _rng(0), 1)
             shape = np.shape(estimator.step(observations[0]))
         except Exception as error:
-            return f"raised {type(error).__name__}: {' '.join(str(error).split())}"
+            return _raised(error, observations[0])
         return "" if shape[-1:] == (self.width,) else f"step returned shape {shape}, not ({self.width},)"
 
     @cached_property
@@ -236,15 +258,21 @@ class _Checker:
             self.untouched, self.global_random, self.without_fixes, self.unknown_start, self.picklable,
             self.covariance,
         )  # fmt: skip
+        one_run = True
         for check in checks:
             name = (check.__doc__ or "").strip().format(width=self.width, errors=self.errors)
+            if not one_run:  # the others would only repeat why
+                yield Check(name, None, "not looked at: a run fails")
+                continue
             try:
                 detail = check()
                 yield Check(name, None if detail is None else True, "does not apply" if detail is None else detail)
+                continue
             except _Bad as error:
                 yield Check(name, False, str(error))
             except Exception as error:
-                yield Check(name, False, f"raised {type(error).__name__}: {' '.join(str(error).split())}")
+                yield Check(name, False, _raised(error, self.told.observations[0]))
+            one_run = check != self.single
 
 
 def check_estimator(

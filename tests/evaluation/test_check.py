@@ -6,6 +6,26 @@ from evaluation import plugins
 from sins_env.evaluation import check_estimator
 
 
+class NoReturn:
+    batched = False
+
+    def reset(self, task, rng, num_runs=1):
+        pass
+
+    def step(self, obs):
+        pass
+
+
+class LooksForGyro(NoReturn):
+    def step(self, obs):
+        return obs["gyro"]
+
+
+class ResetTakesTask(NoReturn):
+    def reset(self, task):
+        pass
+
+
 def failed(factory, **settings):
     return {check.name: check.detail for check in check_estimator(factory, settings) if check.passed is False}
 
@@ -32,7 +52,10 @@ def test_good(factory):
         (plugins.NegativeCovariance, "covariance", "not positive"),
         (plugins.BadCovariance, "covariance", "shape (4, 4)"),
         (plugins.KeepsAxis, "one run: actions of shape (4,)", "shape (1, 4) at epoch 1; allowed: (4,)"),
-        (plugins.BadReset, "one run: actions", "RuntimeError: no memory left"),
+        (plugins.BadReset, "one run: actions", "RuntimeError: no memory left (plugins.py, line "),
+        (LooksForGyro, "one run: actions", "line 21); an observation has t, dtheta, dvel, gps_vel, gps_pos, gps_valid"),
+        (ResetTakesTask, "one run: actions", "allowed: reset(self, task, rng, num_runs=1) and step(self, obs)"),
+        (NoReturn, "one run: actions", "step returned None at epoch 1; allowed: an array of shape (4,)"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:(divide|invalid)")
@@ -47,6 +70,7 @@ def test_only_what_is_wrong_is_named():
     assert len(failed(plugins.GlobalRandom)) == 1
     assert len(failed(plugins.NeedsStart)) == 1
     assert len(failed(plugins.NegativeCovariance)) == 1
+    assert len(failed(NoReturn)) == 1
 
 
 def test_no_estimator():
