@@ -25,6 +25,12 @@ Factory = Callable[..., Estimator]
 Solver = str | Factory
 
 
+#: what an estimator must have, and how it is written
+MEMBERS = {
+    "batched": "batched = False (one run at a time) or True (a leading run axis)",
+    "reset": "reset(self, task, rng, num_runs=1)",
+    "step": "step(self, obs)",
+}
 OWN = "sins-env"  #: the distribution whose names nobody else can take
 EntryPoint = importlib.metadata.EntryPoint
 
@@ -99,6 +105,8 @@ def find(solver: Solver) -> Factory:
     points = _offers()
     if solver not in points:
         hint = "" if points else " (no solvers are installed: pip install . in the project's directory)"
+        if path := _module_of(solver):
+            raise ValueError(f"solver {solver!r} is a module; allowed: {path}:Factory, with a class or function of it")
         raise ValueError(f"{unknown('solver', solver, points)}, or module:Factory{hint}")
     point, *others = points[solver]
     if others:
@@ -120,6 +128,8 @@ def _from_module(path: str) -> Factory:
     except (Exception, SystemExit) as error:
         if isinstance(error, ModuleNotFoundError) and f"{module_name}.".startswith(f"{error.name}."):
             where = f"allowed: module:Factory, importable from {os.getcwd()}"
+            if found := _module_of(module_name):
+                where = f"did you mean {f'{found}:{attribute}'!r}?"
             raise ValueError(f"solver {path!r}: {error}; {where}") from error
         raise ValueError(f"solver {path!r}: importing {module_name} failed with {_line(error)}") from error
     target: Any = module
@@ -131,9 +141,19 @@ def _from_module(path: str) -> Factory:
     return _callable(target, path)
 
 
+def _module_of(name: str) -> str:
+    """The module that a file of the current directory is, named with its ending or without; empty if there is none."""
+    module = name.removesuffix(".py").removeprefix("./").replace("/", ".")
+    file = Path(*module.split(".")).with_suffix(".py")
+    return module if not file.is_absolute() and file.is_file() else ""
+
+
 def _callable(factory: Any, name: str) -> Factory:
     if not callable(factory):
-        raise ValueError(f"solver {name!r} is a {type(factory).__name__}; allowed: a class or function")
+        kind = type(factory).__name__
+        raise ValueError(
+            f"solver {name!r} is {'an' if kind[0] in 'aeiou' else 'a'} {kind}; allowed: a class or function"
+        )
     return factory
 
 
@@ -151,7 +171,7 @@ def make(solver: Solver, settings: Mapping[str, Any] | None = None) -> Estimator
     name, given = solver_name(solver), dict(settings or {})
     try:
         estimator = find(solver)(**given)
-        missing = [part for part in ("batched", "reset", "step") if not hasattr(estimator, part)]
+        missing = [part for part in MEMBERS if not hasattr(estimator, part)]
         batched = None if missing else estimator.batched
     except ValueError:
         raise
@@ -159,7 +179,10 @@ def make(solver: Solver, settings: Mapping[str, Any] | None = None) -> Estimator
         what = f"settings {given}" if given else "no settings"
         raise ValueError(f"solver {name!r} cannot be made with {what}: {_line(error)}") from error
     if missing:
-        raise ValueError(f"solver {name!r} makes a {type(estimator).__name__} without {', '.join(missing)}")
+        needed = "; ".join(MEMBERS[part] for part in missing)
+        raise ValueError(
+            f"solver {name!r} makes a {type(estimator).__name__} without {', '.join(missing)}; allowed: {needed}"
+        )
     if not isinstance(batched, (bool, np.bool_)):
         raise ValueError(f"solver {name!r}: batched is {batched!r}; allowed: True or False")
     return estimator

@@ -309,6 +309,16 @@ def test_a_module_that_cannot_be_imported_says_why(tmp_path, monkeypatch):
             registry.find(name)
 
 
+def test_the_name_of_a_file_is_offered_as_a_module(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_filter.py").write_text("class Mine: ...\n")
+    for name in ("my_filter", "my_filter.py", "./my_filter.py"):
+        with pytest.raises(ValueError, match=r"is a module; allowed: my_filter:Factory"):
+            registry.find(name)
+    with pytest.raises(ValueError, match=r"did you mean 'my_filter:Mine'\?"):
+        registry.find("my_filter.py:Mine")
+
+
 def test_chunks():
     assert [len(part) for part in chunks(range(100))] == [50, 50]
     assert [len(part) for part in chunks(range(1000))] == [125] * 8
@@ -334,7 +344,7 @@ def test_run_episode(short, healthy):
         ({"solver": "evaluation.plugin:X"}, "No module named"),
         ({"solver": "dead_reckoning"}, "unknown solver 'dead_reckoning'"),
         ({"solver": HERE + "EARTH_RATE"}, "is a float"),
-        ({"solver": HERE + "Nothing"}, "without batched, reset, step"),
+        ({"solver": HERE + "Nothing"}, "without batched, reset, step; allowed: batched = False"),
         ({"solver": HERE + "broken_factory"}, "cannot be made with no settings: ZeroDivisionError"),
         ({"settings": {"gian": 2}}, "cannot be made with settings {'gian': 2}"),
         ({"solver": HERE + "with_setting", "settings": {"gain": -1}}, "gain = -1; allowed: not negative"),
