@@ -9,6 +9,7 @@ from typing import NamedTuple
 from sins_env.evaluation.consistency import Nees
 from sins_env.evaluation.metrics import Summary
 from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.paired import LEAST_RUNS
 from sins_env.evaluation.quantities import QUANTITIES
 from sins_env.evaluation.ranking import by_failures, headline
 from sins_env.evaluation.resampling import Interval
@@ -176,9 +177,13 @@ def footer(results: Sequence[Results]) -> str:
         aligned += "; time from the start of fine alignment"
         aligned += f" (switch-on: + {s.coarse_s:g} s)" if s.coarse_s else ""
     lines = [f"{aligned}.", *_meaning(task, s)]
+    if len(results) > 1 and min(one.summary.runs for one in results) < LEAST_RUNS:
+        lines.append(f"Fewer than {LEAST_RUNS} runs tell no solvers apart: --resume with more --runs adds to them.")
     if any(nees_of(one.summary)[0] for one in results):
         dof = nees_of(s)[1]
-        lines.append(f"NEES / {dof} is 1 where the solver's covariance is right, 95 % band {_bands(results)}.")
+        lines.append(
+            f"NEES / {dof} is 1 where the solver's covariance is right, 95 % band {_bands(results)}{_silent(results)}."
+        )
     lines += _bound_note(results)
     helped = [f"{one.label} {number(one.summary.fallbacks)}" for one in results if one.summary.fallbacks]
     if helped:
@@ -241,6 +246,12 @@ def bound_heading(one: Results) -> str:
 def bound_of(one: Results) -> str:
     """What the bound's column is about."""
     return "azimuth" if one.summary.navigation is None else QUANTITIES[headline(one.task)].name
+
+
+def _silent(results: Sequence[Results]) -> str:
+    """What '-' in the column means, where it stands there."""
+    none = any(not nees_of(one.summary)[0] for one in results)
+    return "; -: the solver states no covariance" if none else ""
 
 
 def _bands(results: Sequence[Results]) -> str:
