@@ -20,7 +20,10 @@ from sins_env.memory import keep_freed_memory
 
 INTERRUPTED = 130
 DEFAULT_DB = "results.sqlite"
-CODES = "Exit code: 0, 1 for a failed run, 2 for wrong use, 130 for Ctrl-C."
+CODES = (
+    "First: sins-env run sway-white-v0 ckf --plot run.png; sins-env VERB --help says more. "
+    "Exit code: 0, 1 for a failed run, 2 for wrong use, 130 for Ctrl-C."
+)
 _FAILED = "failed epochs (an action that is not finite, or zero). A run that diverged is a result: 0."
 _RUN_CODES = f"Exit code 1: the run raised, was lost, was given up by the solver, or had {_FAILED}"
 _FORMATS = (
@@ -32,6 +35,14 @@ _EVAL_CODES = (
 )
 
 
+_TASK = "a name (sins-env list shows them)"
+_SOLVER = "a name (sins-env list shows them), or module:Factory: a class in module.py of this folder"
+_SETTING = "a setting of the solver (sins-env describe SOLVER shows them); may be repeated"
+_CONTRACT = (
+    "An estimator has batched = False, or True if it takes a leading run axis; reset(task, rng, num_runs=1); and step(obs), "
+    "which returns q_nb (4), or in navigation q_nb, v_n and position (10). sins-env describe SINS/AlignSway-v0 shows what obs "
+    "holds; sins_env.types.Task is the task. Optional: covariance()."
+)
 _SEEDS = "allowed: a whole number that is not negative"
 _SEED_HELP = "of the suite (default: the task's own); - reads a secret one from standard input"
 _SUITE = (
@@ -121,20 +132,20 @@ def parser() -> argparse.ArgumentParser:
 
     text = "what is known of an environment, task, solver, preset, flight or recording"
     sub = verb("describe", "listing:describe", text)
-    sub.add_argument("name", metavar="NAME")
+    sub.add_argument("name", metavar="NAME", help="one that sins-env list shows, module:Factory, or a file")
     sub.add_argument("--allan", metavar="FILE", help="draw the Allan deviation of an IMU preset or a recording")
     sub.add_argument("--plot", metavar="FILE", help="draw a flight: a profile by name, or a YAML or JSON file")
 
     sub = verb("run", "commands:run", "one episode, with its final errors and a figure", _RUN_CODES)
-    sub.add_argument("task", metavar="TASK")
-    sub.add_argument("solver", metavar="SOLVER")
+    sub.add_argument("task", metavar="TASK", help=_TASK)
+    sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
     sub.add_argument("--run", type=_number, default=0, metavar="N", help="which run of the suite (default 0)")
     sub.add_argument("--plot", metavar="FILE", help="draw the errors over time")
     sub.add_argument("--traceback", action="store_true", help="show where the solver raised")
 
     sub2 = verb("eval", "commands:evaluate", "many runs of solvers on tasks, into a results file", _EVAL_CODES)
-    _several(sub2, "--task", required=True, help="one task or several")
-    _several(sub2, "--solver", required=True, help="names, or module:Factory")
+    _several(sub2, "--task", required=True, help="names (sins-env list shows them)")
+    _several(sub2, "--solver", required=True, help=_SOLVER)
     sub2.add_argument("--runs", type=_count, default=100, metavar="N", help="default 100; a recording has its windows")
     sub2.add_argument("--executor", default="processes", metavar="NAME", help="processes (default) or dask")
     sub2.add_argument("--workers", type=_count, metavar="N", help="default: one per core")
@@ -143,7 +154,7 @@ def parser() -> argparse.ArgumentParser:
     sub2.add_argument("--plot", metavar="FILE", help="draw errors over time and success against the threshold")
     for each in (sub, sub2):
         each.add_argument("--seed", type=_seed, metavar="N", help=_SEED_HELP)
-        each.add_argument("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting")
+        each.add_argument("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help=_SETTING)
         longest = "a run has failed if one call of the solver takes longer, s (default: no limit)"
         each.add_argument("--timeout", type=_positive, metavar="S", help=longest)
 
@@ -151,8 +162,10 @@ def parser() -> argparse.ArgumentParser:
     _several(sub, "--task", help="these tasks only")
     _several(sub, "--solver", help="these solvers only")
     form = sub.add_mutually_exclusive_group()
-    for name in ("md", "csv", "json"):
-        form.add_argument(f"--{name}", dest="form", action="store_const", const=name)
+    for name, kind in (("md", "Markdown"), ("csv", "CSV"), ("json", "JSON")):
+        form.add_argument(
+            f"--{name}", dest="form", action="store_const", const=name, help=f"as {kind}, with all columns"
+        )
     sub.add_argument("--plot", metavar="FILE", help="draw errors over time and success against the threshold")
     sub3 = verb(
         "report", "stored:report", "the results of a file as one HTML page: tables, figures, failures, provenance"
@@ -165,9 +178,9 @@ def parser() -> argparse.ArgumentParser:
 
     text = "two solvers on the same runs: ratio of RMS, success and time, with intervals"
     sub = verb("compare", "stored:compare", text)
-    sub.add_argument("task", metavar="TASK")
-    sub.add_argument("solver", metavar="SOLVER")
-    sub.add_argument("reference", metavar="SOLVER")
+    sub.add_argument("task", metavar="TASK", help="one that the file holds")
+    sub.add_argument("solver", metavar="SOLVER", help="as it is called in the file")
+    sub.add_argument("reference", metavar="SOLVER", help="the one that it is held against")
     errors = (
         "what errors are compared in: azimuth, level ...; of navigation position, velocity ... (default: what ranks)"
     )
@@ -192,7 +205,9 @@ def parser() -> argparse.ArgumentParser:
         each.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
 
     sub = verb("reproduce", "reproduction.command:reproduce", "published tables as Monte Carlo runs", _TABLES)
-    sub.add_argument("table", nargs="*", metavar="TABLE", help="their numbers, such as 6.1 (default: all)")
+    sub.add_argument(
+        "table", nargs="*", metavar="TABLE", help="their numbers, as sins-env list shows them (default: all)"
+    )
     sub.add_argument("--runs", type=_count, metavar="N", help="of every line (default: each table's own number)")
     sub.add_argument("--quick", action="store_true", help="few runs, for a first look")
     sub.add_argument("--out", default="reproduction", metavar="DIR", help="for REPRODUCTION.md and the runs")
@@ -201,15 +216,15 @@ def parser() -> argparse.ArgumentParser:
     sub = verb("suite-hash", "stored:suite", "the hash of a secret suite seed, to be published first", _SUITE)
     sub.add_argument("--seed", type=_seed, default="-", metavar="N", help="default: - reads it from standard input")
 
-    sub = verb("check", "commands:check", "hold an estimator against the contract")
-    sub.add_argument("solver", metavar="NAME|module:Factory")
-    sub.add_argument("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting")
+    sub = verb("check", "commands:check", "hold an estimator against the contract", _CONTRACT)
+    sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
+    sub.add_argument("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help=_SETTING)
 
     sub = verb(
         "replay", "converting:replay", "a solver on windows of any recording: heading, pitch, roll and their spread"
     )
     sub.add_argument("recording", metavar="FILE", help="of any format, or the mapping (.json) of one")
-    sub.add_argument("solver", metavar="SOLVER")
+    sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
     whole = "s on the recording's clock (default: all of it); may be repeated"
     sub.add_argument(
         "--window", type=float, nargs=2, action="append", default=[], metavar=("START", "LENGTH"), help=whole
@@ -224,7 +239,7 @@ def parser() -> argparse.ArgumentParser:
         "--outage", type=float, nargs=2, action="append", default=[], metavar=("START", "END"), help=outage
     )
     sub.add_argument("--seed", type=_seed, default=0, metavar="N", help="of solvers that draw")
-    sub.add_argument("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help="a setting")
+    sub.add_argument("--set", type=_setting, action="append", default=[], metavar="NAME=VALUE", help=_SETTING)
     sub.add_argument("--plot", metavar="FILE", help="draw heading, pitch, roll and their spread")
 
     sub = verb("convert", "converting:convert", "a recording in another format", _FORMATS)
@@ -240,8 +255,8 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--force", action="store_true", help="overwrite OUT")
 
     sub = verb("bench", "commands:bench", "speed of the whole chain and of its parts")
-    sub.add_argument("solver", metavar="SOLVER", nargs="?", default="ckf")
-    sub.add_argument("--task", default="sway-white-v0", metavar="NAME")
+    sub.add_argument("solver", metavar="SOLVER", nargs="?", default="ckf", help=f"{_SOLVER} (default ckf)")
+    sub.add_argument("--task", default="sway-white-v0", metavar="NAME", help="default sway-white-v0")
     sub.add_argument(
         "--runs", type=_count, nargs="+", default=[256, 1], metavar="N", help="batch sizes (default 256 1)"
     )

@@ -27,6 +27,19 @@ from sins_env.evaluation.words import order
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS
 from sins_env.trajectory.profiles import PROFILES
 
+#: what an estimator is given and gives back; shapes of one run
+OBSERVATION = {
+    "t": ("(1,)", "s, end of the epoch"),
+    "dtheta": ("(n_sub, 3)", "rad, gyro increments along the body's Right, Forward, Up"),
+    "dvel": ("(n_sub, 3)", "m/s, accelerometer increments (specific force) along the same axes"),
+    "gps_vel": ("(3,)", "m/s, velocity fix East, North, Up at t; zeros without a fix"),
+    "gps_pos": ("(3,)", "latitude rad, longitude rad, height m; zeros without a fix"),
+    "gps_valid": ("(1,)", "1 where there is a fix at t"),
+}
+ALIGNMENT = ("(4,)", "q_nb, scalar first, body to East, North, Up")
+NAVIGATION = ("(10,)", "q_nb, v_n m/s East, North, Up, latitude rad, longitude rad, height m")
+SOURCES = "Sources: 000 is Wang Junhou's thesis (2011); 001, 002 and 003 are the papers of the flights sun2012, zhao2010 and lu."
+
 
 def _table(title: str, *columns: str) -> Table:
     table = titled(title)
@@ -90,6 +103,7 @@ def list_all(given: Namespace, console: Console) -> int:
     table.add_row("IMU", ", ".join(IMU_PRESETS))
     table.add_row("GPS", ", ".join(GPS_PRESETS))
     console.print(table)
+    console.print(SOURCES, highlight=False)
     return 0
 
 
@@ -170,6 +184,15 @@ def _environment(env_id: str, console: Console) -> bool:
     table.add_row("reveal_truth", "False")
     table.add_row("render_mode", "None")
     console.print(table)
+    table = _table("observation of an epoch, and the action", "name", "shape", "what")
+    for name, (shape, what) in OBSERVATION.items():
+        table.add_row(name, shape, what)
+    if env_id != "SINS/NavFlight-v0":
+        table.add_row("action", *ALIGNMENT)
+    if env_id in ("SINS/NavFlight-v0", "SINS/Replay-v0"):
+        table.add_row("action", *NAVIGATION)
+    console.print(table)
+    console.print("num_envs environments, by gymnasium.make_vec, put an axis in front of all shapes.", highlight=False)
     return True
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from sins_env.evaluation import listing, registry, tasks
+from sins_env.types import Observation
 
 ROOT = Path(__file__).resolve().parents[2]
 PLUGIN = "evaluation.plugins:"
@@ -67,6 +68,8 @@ def test_list(cli):
     [
         ("sway-white-v0", "0.7 deg"),
         ("SINS/AlignSway-v0", "misalignment_deg"),
+        ("SINS/AlignSway-v0", "gps_valid   (1,)"),
+        ("SINS/NavFlight-v0", "action      (10,)"),
         ("SINS/Replay-v0", "recording"),
         ("SINS/NavFlight-v0", "velocity_std_mps"),
         ("lu-mixture", "contamination 0.2"),
@@ -84,6 +87,10 @@ def test_describe(cli, name, part):
     code, out, err = cli("describe", name)
     assert (code, err) == (0, [])
     assert part in out
+
+
+def test_describe_names_all_that_an_observation_holds():
+    assert set(listing.OBSERVATION) == set(Observation.__annotations__)
 
 
 def test_describe_preset_with_allan(cli, tmp_path):
