@@ -106,6 +106,7 @@ def test_verdicts():
         (Said("above 1", low=1.0), REPRODUCED),
         (Said("above 1.3", low=1.3), OPEN),
         (Said("below 1", high=1.0), NOT),
+        (Said("below 1.05", high=1.05), NOT),
     ],
 )
 def test_verdicts_of_other_prints(printed, found):
@@ -116,6 +117,12 @@ def test_verdicts_of_other_prints(printed, found):
 def test_a_ratio_that_may_be_one():
     assert PrintedRatio(0.97).verdict(Estimate(0.99, 0.95, 1.02, 40)) == OPEN
     assert PrintedRatio(0.80).verdict(Estimate(0.99, 0.95, 1.02, 40)) == NOT
+
+
+def test_what_is_the_same_is_not_smaller():
+    """As the CGPF, which is the CKF bit for bit where measurements are linear."""
+    assert Said("smaller", high=1.0).verdict(Estimate(1.0, 1.0, 1.0, 40)) == NOT
+    assert Said("smaller", high=1.0).verdict(Estimate(0.9, 0.8, 1.0, 40)) == OPEN
 
 
 def test_mean_and_its_interval():

@@ -95,16 +95,16 @@ class PrintedRatio:
 
 @dataclass(frozen=True)
 class Said:
-    """What the text says without a number: that ours lies between these."""
+    """What the text says without a number: that ours lies between these; on one of them it does not."""
 
     text: str
     low: float = -math.inf
     high: float = math.inf
 
     def verdict(self, ours: Estimate) -> str:
-        if self.low <= ours.low and ours.high <= self.high:
+        if self.low < ours.low and ours.high < self.high:
             return REPRODUCED
-        return NOT if ours.high < self.low or ours.low > self.high else OPEN
+        return NOT if ours.high <= self.low or ours.low >= self.high else OPEN
 
 
 Print = Printed | PrintedMean | PrintedRatio | Said
