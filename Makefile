@@ -7,7 +7,7 @@ export SINS_ENV_DATA ?= $(abspath ../shared/data)
 # one BLAS thread per process: the batches are small, and processes use the cores
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: board test check lint types tests bench reproduce clean
+.PHONY: board test check lint types tests bench reproduce leaderboard clean
 
 board: $(STAMP)  ## four filters align a swaying SINS: ranked table and figure
 	$(BIN)/sins-env eval --task sway-white-v0 --solver kf ekf ukf ckf --runs 100 --db results.sqlite --resume --plot board.png
@@ -32,6 +32,10 @@ bench: $(STAMP)  ## speed of the whole chain, and of the filters beside those of
 
 reproduce: $(STAMP)  ## every published table again: reproduction/REPRODUCTION.md and its figures, in less than an hour on two cores
 	$(BIN)/sins-env reproduce
+
+leaderboard: $(STAMP)  ## tables and figures of README; hours from nothing, what leaderboard.sqlite holds is kept
+	$(BIN)/python benchmarks/leaderboard.py
+	$(BIN)/python benchmarks/readme.py
 
 $(STAMP): pyproject.toml
 	@echo "Building $(VENV) and installing into it: a minute or more, once."

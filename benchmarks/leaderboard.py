@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,11 +21,12 @@ import story
 import suite
 
 from sins_env.evaluation import registry
+from sins_env.evaluation.cost import measure_cost
 from sins_env.evaluation.filling import fill
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.outcome import remark
-from sins_env.evaluation.paired import Estimate, compare
-from sins_env.evaluation.quantities import QUANTITIES
+from sins_env.evaluation.paired import Estimate, apart, common, difference_of_rates, ratio_of_rms
+from sins_env.evaluation.quantities import QUANTITIES, run_errors
 from sins_env.evaluation.ranking import by_failures, failure_rate, headline, ranked
 from sins_env.evaluation.resampling import NO_INTERVAL, Interval
 from sins_env.evaluation.store import Store
@@ -43,10 +45,21 @@ def run(store: Store, most: int | None = None, workers: int | None = None, only:
     chosen = [task for task in suite.tasks() if not only or task.name in only]
     for task in chosen:
         store.add_task(task)
-    for costed in (True, False):
-        names = {task.name for task in chosen if (task.name in suite.COSTED) is costed}
-        wanted = [one for part in suite.SUITE if part.task in names for one in part.evaluations(most)]
-        fill(store, wanted, workers=workers, chunk=CHUNK, cost=costed, resume="the same command continues")
+    names = {task.name for task in chosen}
+    for part in suite.SUITE:
+        wanted = part.evaluations(most) if part.task in names else []
+        fill(store, wanted, workers=workers, chunk=CHUNK, cost=False, resume="the same command continues")
+
+
+def measure(store: Store, anew: bool = False) -> None:
+    """The CPU time of a step of each solver, all at one time; of those that are known ``anew`` only."""
+    keep_freed_memory()
+    for part in suite.SUITE:
+        for one in part.evaluations() if part.task in suite.COSTED else ():
+            if store.runs_of(one.key) and (anew or store.results(one.key, whole=False).cost is None):
+                cost = measure_cost(one.task, one.solver, clock=time.process_time)
+                if cost:
+                    store.add_cost(one.key, cost)
 
 
 def results(store: Store, whole: bool = False) -> dict[str, list[Results]]:
@@ -136,16 +149,16 @@ def _entry(rank: int, one: Results, yardstick: Results) -> dict[str, Any]:
 
 
 def _paired(one: Results, yardstick: Results) -> dict[str, Any] | None:
-    """Against the yardstick over their common runs."""
+    """Against the yardstick over their common runs: the ratio of the errors that rank, and the difference of failed runs."""
     if one is yardstick or not one.summary.scored:
         return None
-    found = compare(one, yardstick)
-    return {
-        "runs": found.runs,
-        **_estimate("ratio", found.ratio),
-        "apart": found.differ,
-        **_estimate("failures", found.failures),
-    }
+    a, b = one.records, yardstick.records
+    mine, its = common(a, b)
+    errors = run_errors(a, headline(one.task))[0][mine], run_errors(b, headline(one.task))[0][its]
+    ratio = ratio_of_rms(*errors)
+    failures = difference_of_rates(a.failed[mine], b.failed[its])
+    decided = apart(len(mine), ratio[1])
+    return {"runs": len(mine), **_estimate("ratio", ratio), "apart": decided, **_estimate("failures", failures)}
 
 
 def _estimate(name: str, estimate: Estimate) -> dict[str, Any]:
@@ -192,12 +205,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--at-most", type=int, metavar="N", help="so many runs of each")
     parser.add_argument("--workers", type=int, metavar="N", help="processes, default one per core")
     parser.add_argument("--no-runs", action="store_true", help="take the file as it is")
+    parser.add_argument("--costs", action="store_true", help="measure all costs anew")
     parser.add_argument("--out", type=Path, metavar="DIRECTORY", help="of JSON and figures, default the project's own")
     given = parser.parse_args(arguments)
-    keep_freed_memory()
-    with Store(given.db, read_only=given.no_runs) as store:
+    with Store(given.db) as store:
         if not given.no_runs:
             run(store, given.at_most, given.workers, given.task)
+        measure(store, given.costs)
         target = given.out / JSON.name if given.out else JSON
         target.write_text(as_text(as_data(store)))
         remark(f"leaderboard: {target}")

@@ -50,7 +50,10 @@ def _task_row(task: Entry, entries: Sequence[Entry]) -> tuple[str, ...]:
     bound = _value(task["bound"], task["unit"])
     if task["bound_holds"] is False and task["bound"] is not None:
         bound = f"({bound})"
-    best = [f"{_strong(one)} {_told(one, task)}" for one in _best_first(task, entries)[:BEST]]
+    best = []
+    for one in _best_first(task, entries)[:BEST]:
+        other = f" ({one['runs']} runs)" if one["runs"] != yardstick["runs"] else ""
+        best.append(f"{_strong(one)} {_told(one, task)}{other}")
     return (_short(task["task"]), str(yardstick["runs"]), bound, _told(yardstick, task, interval=True), "; ".join(best))
 
 
@@ -120,7 +123,8 @@ def _where(board: dict[str, Any], solver: str) -> str:
         if one["solver"] != solver or not _wins(one):
             continue
         name, paired = _short(one["task"]), one["paired"]
-        if ranked_by[one["task"]] == "failures" or not _smaller(paired):
+        fewer = paired["failures_interval"][1] < 0
+        if fewer and (ranked_by[one["task"]] == "failures" or not _smaller(paired)):
             before = one["failed"] - round(paired["failures"] * paired["runs"])
             won.append((one["failed"] / max(before, 1), f"{name} {one['failed']} failed, not {before}"))
         else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ import suite
 
 from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.outcome import remark
-from sins_env.evaluation.paired import compare
+from sins_env.evaluation.paired import paired_ratio
 from sins_env.evaluation.plots import COLOURS, band, bound_style, finish, new_figure, size_of
 from sins_env.evaluation.report_figures import front
 from sins_env.evaluation.words import bound_ratio
@@ -27,16 +28,18 @@ Point = tuple[float, float]
 
 #: Tasks, what their panels say, and whom to name beside the front.
 COSTS = {
-    "sway-white-v0": ("nothing is wrong", ("ckf", "gpf", "pf", "coarse_oba", "mpf")),
-    "sway-told-wrong-v0": ("told noise is wrong", ("ckf",)),
-    "sway-anyheading-v0": ("heading unknown", ("ckf",)),
+    "sway-white-v0": ("nothing is wrong", ("ckf", "gsf_ekf", "two_pass", "gpf")),
+    "sway-told-wrong-v0": ("told noise is wrong", ("ckf", "imm_ekf")),
+    "sway-anyheading-v0": ("heading unknown", ("ckf", "inekf")),
     "flight-hotstart60-v0": ("flight, heading wrong by 60 deg (1 sigma)", ("ckf",)),
 }
 TIMES = {
     "sway-told-wrong-v0": ("told noise is wrong", ("ckf", "aukf", "imm_ekf")),
-    "sway-anyheading-v0": ("heading unknown", ("ckf", "ckf5", "gsf_ekf")),
+    "sway-anyheading-v0": ("heading unknown", ("ckf", "iekf", "gsf_ekf")),
 }
-SAMPLES = 120  #: of a curve
+SAMPLES = 80  #: of a curve
+TICKS = (0.5, 1, 2, 5)
+BETTER = 0.9  #: of the front those are named whose error is so many times that of all that are cheaper
 
 
 def draw(board: Board, folder: Path) -> None:
@@ -51,12 +54,14 @@ def draw(board: Board, folder: Path) -> None:
 
 def cost_figure(board: Board) -> Figure:
     """Error over the bound against the cost of a step over that of ckf; the front is named."""
-    figure = new_figure(9.0, 6.6)
-    panels = figure.subplots(2, 2).ravel()
+    figure = new_figure(9.0, 6.8)
+    panels = figure.subplots(2, 2, sharex=True).ravel()
     for axes, (task, (title, named)) in zip(panels, COSTS.items(), strict=False):
+        finish(axes, title, xscale="log", yscale="log")
         if task in board:
             _costs(axes, _placed(board, task), named)
-        finish(axes, title, xscale="log", yscale="log")
+    panels[0].set_xticks(TICKS, labels=[f"{tick:g}" for tick in TICKS])
+    panels[0].set_xticks([], minor=True)
     for axes in panels[2:]:
         axes.set_xlabel("cost of a step / ckf")
     for axes in panels[::2]:
@@ -72,8 +77,10 @@ def _placed(board: Board, task: str) -> dict[str, Point]:
     out = {}
     for one in lines:
         same = len(one.records) == len(yardstick.records)
-        error = bound_ratio(one) if same else compare(one, yardstick).ratio[0] * bound_ratio(yardstick)
-        if one.solver in costs and np.isfinite(error):
+        error = bound_ratio(one)
+        if not same:
+            error = paired_ratio(one.records, yardstick.records)[0] * bound_ratio(yardstick)
+        if one.solver in costs and np.isfinite(error) and one.solver not in suite.AT_REST:
             out[one.solver] = (costs[one.solver], error)
     return out
 
@@ -92,13 +99,16 @@ def _costs(axes: Axes, points: Mapping[str, Point], named: Sequence[str]) -> Non
     best = front(list(points.values()))
     axes.step(*np.array(best).T, where="post", color=COLOURS[0], linewidth=1, linestyle=(0, (2, 2)), zorder=1)
     axes.axhline(1.0, color="black", linewidth=1.1, zorder=1)
+    leaders = {best[0], *(point for before, point in pairwise(best) if point[1] < BETTER * before[1])}
     for name, point in points.items():
-        leads = point in best
-        colour = COLOURS[0] if leads else COLOURS[1] if name == suite.YARDSTICK else "0.6"
-        axes.plot(*point, "o", color=colour, markersize=6 if leads or name in named else 4, markeredgewidth=0)
-        if leads or name in named:
-            axes.annotate(name, point, (5, 4), textcoords="offset points", fontsize=9, color=colour)
-    axes.margins(x=0.15, y=0.15)
+        colour = COLOURS[1] if name == suite.YARDSTICK else COLOURS[0] if point in best else "0.55"
+        told = point in leaders or name in named
+        axes.plot(*point, "o", color=colour, markersize=6.5 if told else 4, markeredgewidth=0, zorder=3 if told else 2)
+        if told:
+            where = {"xytext": (3, 4), "textcoords": "offset points", "rotation": 30, "rotation_mode": "anchor"}
+            axes.annotate(name, point, fontsize=9.5, color=colour, zorder=4, **where)
+    axes.margins(x=0.12)
+    axes.set_ylim(0.7, max(5.0, 2.0 * max(error for _, error in points.values())))
 
 
 def time_figure(board: Board) -> Figure:

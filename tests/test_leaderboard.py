@@ -28,6 +28,12 @@ def benchmarks():
         sys.path.remove(folder)
 
 
+def test_readme_is_what_registry_and_results_say(benchmarks):
+    document = benchmarks.readme.README.read_text()
+    board = json.loads(benchmarks.readme.JSON.read_text())
+    assert benchmarks.readme.written(document, board) == document, "python benchmarks/readme.py"
+
+
 def test_every_solver_says_in_a_line_what_it_is_and_where_it_is_from(benchmarks):
     zoo = benchmarks.zoo
     assert sorted(zoo.names()) == solvers.names()
