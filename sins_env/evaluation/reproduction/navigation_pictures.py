@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+POINTS = 225  #: of a curve, so that the file stays small
 BLACK: dict[str, Any] = {"color": "black", "linewidth": 1.1, "zorder": 3}
 
 
@@ -73,15 +74,17 @@ def _rms(axes: Axes, name: str, drawn: Sequence[tuple[str, Results]], printed: S
     for i, (label, one) in enumerate(drawn):
         t = np.asarray(one.records.criteria.history_t)
         value, low, high = error_curve(length(one.records.history.astype(float), quantity), quantity.unit)
-        axes.fill_between(t, low, high, color=style(i)["color"], alpha=0.2, linewidth=0)
-        axes.plot(t, value, label=label, **style(i))
+        some = slice(None, None, max(len(t) // POINTS, 1))
+        axes.fill_between(t[some], low[some], high[some], color=style(i)["color"], alpha=0.2, linewidth=0)
+        axes.plot(t[some], value[some], label=label, **style(i))
     for i, figure in enumerate(printed):
         label = f"{drawn[i][0]}, printed average"
         axes.axhline(figure, color=style(i)["color"], linestyle=":", linewidth=1.4, label=label)
     bound = drawn[0][1].bound
     if bound is not None and bound.holds and quantity.bounded:
         sigma = np.sqrt(np.square(bound.sigma[:, quantity.bounded]).sum(axis=1)) / quantity.unit
-        axes.plot(bound.t, sigma, label="Cramér-Rao bound", **BLACK)
+        some = slice(None, None, max(len(sigma) // POINTS, 1))
+        axes.plot(bound.t[some], sigma[some], label="Cramér-Rao bound", **BLACK)
     axes.set_xlim(0, drawn[0][1].records.criteria.duration_s)
     _plain(axes)
 

@@ -84,7 +84,7 @@ class Papers:
             for number, made in reversed(self._made.items())
             for one in made.table.groups
             for line in one.lines
-            if made.table.source == "000" and group in one.title and line.label.endswith(end)
+            if made.table.source == "000" and not made.table.name and group in one.title and line.label.endswith(end)
         }
         return sorted(found.values())
 
