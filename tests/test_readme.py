@@ -45,6 +45,7 @@ def test_shell_line_runs(line, tmp_path):
         words[words.index("--runs") + 1] = "2"
     elif words[1] in ("board", "compare", "report", "export", "verify"):
         prepare = ["eval", "--task", "sway-white-v0", "--solver", "ekf", "ckf", "--runs", "2"]
+        prepare += words[words.index("--db") :][:2] if "--db" in words else []
         subprocess.run([command(), *prepare], cwd=tmp_path, check=True, capture_output=True, timeout=300)
     folder, needed = Path(os.environ["SINS_ENV_DATA"]), [word for word in words if word.endswith(".npz")]
     needed += ["rlg_parked_car.npz"] * ("rlg-car-v0" in words)
