@@ -13,7 +13,7 @@ from sins_env.evaluation.reproduction.verdicts import Estimate, verdicts
 from sins_env.evaluation.store import Store
 
 
-def outcome(group, value=0.9, missing=""):
+def outcome(group, value=0.8, missing=""):
     if missing:
         return Outcome(group, (), (), missing)
     ours = tuple(Estimate(value, 0.8 * value, 1.1 * value, 40, bound=0.5) for _ in group.shown)
@@ -48,7 +48,7 @@ def test_the_paper_has_every_table_and_claim(store, quick):
     for number in reproduction.printed():
         assert f"### {reproduction.get_table(number).heading}: " in text
     for claim in CLAIMS:
-        assert f"| {claim.document} | {claim.text} | 0.900 [0.720, 0.990] | " in text
+        assert f"| {claim.document} | {claim.text} | 0.800 [0.640, 0.880] | " in text
     assert ("quick look" in text) == quick
     assert "{{" not in text
     assert "{%" not in text

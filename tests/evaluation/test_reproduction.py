@@ -11,7 +11,7 @@ from scipy import stats
 from sins_env.evaluation import reproduction
 from sins_env.evaluation.reproduction import command, get_table, names, queueing
 from sins_env.evaluation.reproduction.documents import car_coarse
-from sins_env.evaluation.reproduction.showing import markdown
+from sins_env.evaluation.reproduction.showing import estimate_text, markdown
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
 from sins_env.evaluation.reproduction.verdicts import (
     IN_ORDER,
@@ -277,3 +277,10 @@ def test_an_interrupted_command_goes_on(cli, small, tmp_path, monkeypatch):
     assert (code, out) == (130, "")
     assert err == ["sins-env: interrupted: 6 of 12 runs are in out/results.sqlite; the same command continues"]
     assert cli(*given)[1] == whole
+
+
+def test_near_one_a_quotient_has_a_digit_more():
+    assert estimate_text(Estimate(1.0041, 0.9962, 1.012, 40)) == "1.004 [0.9962, 1.012]"
+    assert estimate_text(Estimate(1.26, 1.19, 1.334, 40, lost=2)) == "1.26 [1.19, 1.33], 2 lost"
+    assert estimate_text(Estimate(1.49, 1.49, 1.49, 0)) == "1.49"
+    assert verdicts([Said("longer", low=1.0)], [Estimate(math.nan, math.nan, math.nan, 0)]) == ["not measured"]

@@ -51,7 +51,7 @@ def run_tables(
     for task in {one.task.name: one.task for one in wanted.values()}.values():
         store.add_task(task)
     fill(store, list(wanted.values()), workers)
-    for one in (one for plan in plans for one in plan.timed()):
+    for one in (one for plan in plans for one in plan.timed() if not quick):  # a cost takes as long as a few runs
         if store.results(one.key, one.runs[:1]).cost is None and (cost := measure_cost(*one[:3])):
             store.add_cost(one.key, cost)
     shelf = _Shelf(store)

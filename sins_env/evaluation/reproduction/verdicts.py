@@ -182,7 +182,7 @@ def _verdict(i: int, printed: Sequence[Print | None], ours: Sequence[Estimate]) 
     if line is None:
         return ""
     if math.isnan(ours[i].low):
-        return f"{ours[i].runs} runs are too few"
+        return f"{ours[i].runs} runs are too few" if ours[i].runs else "not measured"
     if not isinstance(line, Printed):
         return line.verdict(ours[i])
     if fits(line, ours[i]):

@@ -13,7 +13,7 @@ from sins_env.evaluation.reproduction.tables import Group, Line, Table
 from sins_env.evaluation.reproduction.verdicts import Printed
 from sins_env.evaluation.tasks import EvaluationTask, get_task
 
-RUNS, QUICK = 120, 30  #: of all three positions
+RUNS, QUICK = 120, 12  #: of all three positions
 LAST_POINTS = 20  #: whose mean is the result of the mixed filter; at 1 Hz here
 AS_THESIS = {"coarse": "svd"}  #: what precedes the filters
 
