@@ -125,6 +125,13 @@ def test_what_is_the_same_is_not_smaller():
     assert Said("smaller", high=1.0).verdict(Estimate(0.9, 0.8, 1.0, 40)) == OPEN
 
 
+def test_never_is_later_than_any_time():
+    never = Estimate(math.inf, math.inf, math.inf, 40)
+    assert Said("not in 360", low=360.0).verdict(never) == REPRODUCED
+    assert Said("by 320", high=320.0).verdict(never) == NOT
+    assert Said("by 320", high=320.0).verdict(Estimate(300.0, 250.0, math.inf, 40)) == OPEN
+
+
 def test_mean_and_its_interval():
     x = 3.0 + np.random.default_rng(0).standard_normal(30)
     found = mean(np.append(x, np.nan))

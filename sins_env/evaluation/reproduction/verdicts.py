@@ -102,9 +102,12 @@ class Said:
     high: float = math.inf
 
     def verdict(self, ours: Estimate) -> str:
-        if self.low < ours.low and ours.high < self.high:
+        above = self.low == -math.inf or ours.low > self.low
+        below = self.high == math.inf or ours.high < self.high
+        if above and below:
             return REPRODUCED
-        return NOT if ours.high <= self.low or ours.low >= self.high else OPEN
+        outside = (not above and ours.high <= self.low) or (not below and ours.low >= self.high)
+        return NOT if outside else OPEN
 
 
 Print = Printed | PrintedMean | PrintedRatio | Said
