@@ -177,8 +177,10 @@ def footer(results: Sequence[Results]) -> str:
         aligned += "; time from the start of fine alignment"
         aligned += f" (switch-on: + {s.coarse_s:g} s)" if s.coarse_s else ""
     lines = [f"{aligned}.", *_meaning(task, s)]
-    if len(results) > 1 and min(one.summary.runs for one in results) < LEAST_RUNS:
-        lines.append(f"Fewer than {LEAST_RUNS} runs tell no solvers apart: --resume with more --runs adds to them.")
+    fewest = min(one.summary.runs for one in results)
+    if len(results) > 1 and fewest < LEAST_RUNS:
+        more = "" if fewest == task.max_runs else ": --resume with more --runs adds to them"
+        lines.append(f"Fewer than {LEAST_RUNS} runs tell no solvers apart{more}.")
     if any(nees_of(one.summary)[0] for one in results):
         dof = nees_of(s)[1]
         lines.append(
