@@ -57,7 +57,7 @@ def run(given: Namespace, console: Console) -> int:
     if not records.unfinished[0]:
         console.print(_run_table(given, task, course))
     if records.broken[0] or records.status[0] == "frozen":
-        where = "; --traceback shows where" if records.status[0] == "raised" and not given.traceback else ""
+        where = "; --traceback shows where" if " raised " in records.reason[0] and not given.traceback else ""
         raise RunFailed(f"{given.solver} on {task.name}, run {given.run}: {records.reason[0]}{where}")
     return 0
 

@@ -220,7 +220,8 @@ def test_run_that_raises(cli, short):
     given = ("run", "short-v0", PLUGIN + "At", "--set", "epoch=7")
     code, out, err = cli(*given)
     assert (code, out) == (1, "")
-    assert err == [f"sins-env: {PLUGIN}At on short-v0, run 0: step raised ArithmeticError: no square root, at 0.7 s"]
+    why = "step raised ArithmeticError: no square root, at 0.7 s; --traceback shows where"
+    assert err == [f"sins-env: {PLUGIN}At on short-v0, run 0: {why}"]
     code, _, err = cli(*given, "--traceback")
     assert err[0] == "Traceback (most recent call last):"
 
