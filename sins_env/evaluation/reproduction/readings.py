@@ -106,17 +106,6 @@ def armse(name: str) -> Reader:
     return read
 
 
-def ratio(name: str) -> Reader:
-    """Reads the RMS over runs and time of a quantity over that of another filter in the same runs."""
-
-    def read(one: Results, other: Results) -> Estimate:
-        mine, its = paired.common(one.records, other.records)
-        a, b = (quantities.run_errors(r.records, name)[0][rows] for r, rows in ((one, mine), (other, its)))
-        return _estimate(paired.ratio_of_rms(a, b), len(mine))
-
-    return read
-
-
 def ratio_of_armse(name: str) -> Reader:
     """Reads the time mean of the RMS over runs of a quantity over that of another filter in the same runs."""
 
