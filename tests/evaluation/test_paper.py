@@ -61,6 +61,20 @@ def test_the_paper_has_every_table_and_claim(store, quick):
         assert target in titles
 
 
+def test_a_quick_look_says_nothing_of_what_it_leaves_out(store):
+    tables = [reproduction.get_table(number) for number in reproduction.printed()]
+    quick = [
+        Made(table, tuple(outcome(group, missing="" if group.quick else "left out") for group in table.groups), ())
+        for table in tables
+    ]
+    text = paper(quick, store, True)
+    assert "a step of DDF2 takes longer" not in text
+    assert "(table 5.2)" not in text
+    assert "(table 5.1)" in text
+    with pytest.raises(ValueError, match="0 groups"):
+        paper(quick, store, False)
+
+
 def test_every_figure_of_the_paper_is_drawn(store):
     drawn = {picture.name for number in reproduction.printed() for picture in reproduction.get_table(number).pictures}
     shown = re.findall(r"\(figures/([^)]*)\.svg\)", paper(made(), store, False))

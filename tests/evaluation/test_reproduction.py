@@ -172,7 +172,9 @@ def test_every_table_is_whole():
         assert table.number == number
         assert any(line.printed for group in table.groups for line in group.lines) or not table.source.startswith("000")
         for group in table.groups:
-            assert 1 < group.quick <= group.runs
+            assert group.quick == 0 or 1 < group.quick <= group.runs
+            # a cost takes as long as many runs
+            assert not (group.quick and any(line.timed for line in group.lines))
             assert len({line.label for line in group.lines}) == len(group.lines)
     with pytest.raises(ValueError, match=r"unknown table '6\.11'; did you mean '6\.1'\?"):
         get_table("6.11")
@@ -204,6 +206,7 @@ def small(short, monkeypatch):
             Group("short task", "deg", lines, runs=6, quick=3, why="Because."),
             Group("fewer of them", "deg", lines[:1], runs=4, quick=2),
             Group("recorded", "deg", (Line("x", absent, reckoning, azimuth, printed=Printed(1.0, 10)),)),
+            Group("all of them", "deg", lines[:1], runs=6, quick=0),
         ),
     )
     monkeypatch.setattr(reproduction, "TABLES", {"9.9": table})
@@ -228,6 +231,7 @@ def test_the_command(cli, small, tmp_path, monkeypatch):
     assert "fewer of them (deg; 2 runs)" in out
     assert "Not run: " in out
     assert "no.npz" in out
+    assert "Not run: left out of a quick look (--quick)." in out
     first = stored_runs()
     assert [runs for _, runs, _ in first] == [3, 3]
 

@@ -78,13 +78,14 @@ class Papers:
         return Found(printed.text if printed else "-", outcome.ours[i], outcome.verdicts[i])
 
     def ending(self, group: str, end: str) -> list[tuple[str, str]]:
-        """Table and label of the lines of 000 in groups with these words that end so; what a table repeats, once."""
+        """Table and label of the lines of 000 that end so in groups with these words that were run; repeated ones once."""
         found = {
             (line.task.name, line.solver, line.printed): (number, line.label)
             for number, made in reversed(self._made.items())
-            for one in made.table.groups
-            for line in one.lines
-            if made.table.source == "000" and not made.table.name and group in one.title and line.label.endswith(end)
+            for one in made.outcomes
+            for line in one.group.lines
+            if made.table.source == "000" and not made.table.name
+            if group in one.group.title and one.ours and line.label.endswith(end)
         }
         return sorted(found.values())
 
@@ -130,7 +131,11 @@ def paper(made: Sequence[Made], store: Store, quick: bool) -> str:
     values: dict[str, Any] = {
         "line": papers.line,
         "ending": papers.ending,
-        "claims": [(one.document, one.text, papers.line(one.table, one.group, one.line)) for one in CLAIMS],
+        "claims": [
+            (one.document, one.text, papers.line(one.table, one.group, one.line))
+            for one in CLAIMS
+            if not quick or papers.ran(one.table, one.group)
+        ],
         "extremes": [number(size) for size in printed_extremes()],
         "ran": papers.ran,
         "tallies": papers.tallies(),

@@ -38,7 +38,7 @@ def run_tables(
 
     Args:
         runs: of every group; None is each group's own number. A recording has its windows.
-        quick: the groups' small numbers, for a first look.
+        quick: the groups' small numbers, for a first look; what takes long is left out.
 
     Raises:
         ValueError: a task of an earlier version in the file, settings that do not fit.
@@ -51,7 +51,7 @@ def run_tables(
     for task in {one.task.name: one.task for one in wanted.values()}.values():
         store.add_task(task)
     fill(store, list(wanted.values()), workers)
-    for one in (one for plan in plans for one in plan.timed() if not quick):  # a cost takes as long as a few runs
+    for one in (one for plan in plans for one in plan.timed()):
         if store.results(one.key, one.runs[:1]).cost is None and (cost := measure_cost(*one[:3])):
             store.add_cost(one.key, cost)
     shelf = _Shelf(store)
@@ -76,10 +76,10 @@ class _Plan:
     """What a table needs."""
 
     def __init__(self, table: Table, runs: int | None, quick: bool) -> None:
-        # single runs cost as much as many together: a quick look has none
-        self.table = replace(table, pictures=tuple(p for p in table.pictures if not (quick and p.singles)))
+        shown = tuple(p for p in table.pictures if p.quick or not quick)
+        self.table = replace(table, pictures=shown)
         self._groups = [
-            (group, runs or (group.quick if quick else group.runs), _missing(group)) for group in table.groups
+            (group, runs or (group.quick if quick else group.runs), _missing(group, quick)) for group in table.groups
         ]
         self._pictures = [(p, runs or (p.quick if quick else p.runs)) for p in self.table.pictures]
         self._evaluations: dict[tuple[str, int], Evaluation] = {}
@@ -123,8 +123,10 @@ class _Plan:
         return self._evaluations[name]
 
 
-def _missing(group: Group) -> str:
-    """Why a group cannot be run: the recording is not there. Solvers and settings that do not fit are errors."""
+def _missing(group: Group, quick: bool) -> str:
+    """Why a group is not run: the recording is not there. Solvers and settings that do not fit are errors."""
+    if quick and not group.quick:
+        return "left out of a quick look (--quick)."
     for task, solver, settings in group.sources:
         registry.make(solver, settings)
         try:

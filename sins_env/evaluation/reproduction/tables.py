@@ -63,7 +63,7 @@ class Group:
     unit: str
     lines: tuple[Line, ...] = ()
     runs: int = 100
-    quick: int = 20  #: runs for a first look
+    quick: int = 20  #: runs for a first look; 0: not in it
     why: str = ""  #: what to know of lines that come out otherwise than printed
     claims: tuple[Claim, ...] = ()  #: in the place of lines: of a system that is no environment
     compute: Callable[[int], Sequence[Estimate]] | None = (
@@ -90,7 +90,7 @@ class Picture:
     sources: tuple[Source, ...] = ()
     singles: tuple[Source, ...] = ()
     runs: int = 40  #: of each of ``sources``
-    quick: int = 5
+    quick: int = 5  #: 0: not in a first look
 
 
 @dataclass(frozen=True)

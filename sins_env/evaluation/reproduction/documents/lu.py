@@ -134,7 +134,7 @@ _MIXTURE = Table(
                 _quotient(MIXTURE, "gm_ekf / MCC-HCKF, sigma 3", ("gm_ekf", {}), _mcc(3.0), None),
             ),
             RUNS,
-            QUICK,
+            quick=0,
         ),
     ),
     name="experiment 2, figure 5",
@@ -155,7 +155,7 @@ PICTURE = against_setting(
     [Curve("CKF", Source(MIXTURE, "ckf")), Curve("Huber, alpha 1.345", Source(MIXTURE, "huber_ckf", ALPHA))],
     "MCC-CKF",
     runs=RUNS,
-    quick=QUICK,
+    quick=0,
 )
 
 _SIGMA = Table(
@@ -174,7 +174,7 @@ _SIGMA = Table(
                 if sigma != BEST
             ),
             RUNS,
-            QUICK,
+            0,
             "The minimum is flat, so that neighbours of the best width are not told from it.",
         ),
     ),
@@ -206,7 +206,7 @@ _TIMES = Table(
     "fifth degree has 451 points where the third has 30. A run by itself mostly waits for the interpreter, where they are alike.",
     (
         Group("cost of a run in a batch", "relative to HCKF", _costs(batch_cost_against, timed=False), RUNS, QUICK),
-        Group("time of a step, one run by itself", "relative to HCKF", _costs(cost_against, timed=True), RUNS, QUICK),
+        Group("time of a step, one run by itself", "relative to HCKF", _costs(cost_against, timed=True), RUNS, quick=0),
     ),
     name="table 4",
 )

@@ -49,12 +49,15 @@ class Flight(NamedTuple):
     words: str
     printed: bool = True
     runs: int = RUNS
+    quick: int = QUICK
 
 
 FLIGHTS = (
     Flight(FIXED, "as printed: misalignment and biases + 1 sigma in every run"),
     Flight(DRAWN, "misalignment and biases drawn"),
-    Flight(PHYSICAL, "as an aircraft could fly it: 40 m/s, coordinated turns; not in 001", printed=False, runs=100),
+    Flight(
+        PHYSICAL, "as an aircraft could fly it: 40 m/s, coordinated turns; not in 001", printed=False, runs=100, quick=0
+    ),
 )
 
 
@@ -83,10 +86,10 @@ def _quotients(flight: Flight) -> tuple[Line, ...]:
 
 def _groups(flight: Flight) -> tuple[Group, ...]:
     return (
-        Group(f"attitude, {flight.words}", "deg", _lines(flight, ANGLES), flight.runs, QUICK, LEVEL),
-        Group(f"position, {flight.words}", "m", _lines(flight, ("position",)), flight.runs, QUICK, FUSED),
-        Group(f"velocity, {flight.words}", "m/s", _lines(flight, ("velocity",)), flight.runs, QUICK),
-        Group(f"quotients, {flight.words}", "ratio", _quotients(flight), flight.runs, QUICK, QUOTIENTS),
+        Group(f"attitude, {flight.words}", "deg", _lines(flight, ANGLES), flight.runs, flight.quick, LEVEL),
+        Group(f"position, {flight.words}", "m", _lines(flight, ("position",)), flight.runs, flight.quick, FUSED),
+        Group(f"velocity, {flight.words}", "m/s", _lines(flight, ("velocity",)), flight.runs, flight.quick),
+        Group(f"quotients, {flight.words}", "ratio", _quotients(flight), flight.runs, flight.quick, QUOTIENTS),
     )
 
 

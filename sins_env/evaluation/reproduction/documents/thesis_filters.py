@@ -22,7 +22,7 @@ from sins_env.evaluation.tasks import EvaluationTask, get_task
 from sins_env.specs import ARCSEC
 
 RUNS, QUICK = 40, 5
-QUICK_PARTICLES = 3  #: of tables with particle filters, which cost a hundred times as much
+QUICK_PARTICLES = 3  #: of tables with particle filters, which cost a hundred times as much; of one noise only
 AXES = ("east", "north", "azimuth")
 LEVELS, AZIMUTH = (0, 1), 2
 WHITE, MARKOV = "white noise", "Gauss-Markov noise"
@@ -120,6 +120,13 @@ class Printing:
         names = [column.label for column in self.columns]
         return f"{', '.join(names[:-1])} and {names[-1]}, {self.noise}, {self.end_s:g} s"
 
+    @property
+    def quick(self) -> int:
+        """Runs for a first look."""
+        if not any(column.single for column in self.columns):
+            return QUICK
+        return QUICK_PARTICLES if self.noise == WHITE else 0
+
     def column(self, label: str) -> Column:
         return next(column for column in self.columns if column.label == label)
 
@@ -181,8 +188,7 @@ def _times(p: Printing, prior: str) -> Iterable[Line]:
 def _group(p: Printing, prior: str, why: str) -> Group:
     errors = chain.from_iterable(_errors(p, column, prior) for column in (*p.columns, *p.others))
     lines = (*errors, *_differences(p, prior), *_quotients(p, prior), *_times(p, prior))
-    quick = QUICK_PARTICLES if any(column.single for column in p.columns) else QUICK
-    return Group(prior, "arcsec unless said", lines, RUNS, quick, why)
+    return Group(prior, "arcsec unless said", lines, RUNS, p.quick, why)
 
 
 def _cost(p: Printing) -> Iterable[Group]:
@@ -193,7 +199,7 @@ def _cost(p: Printing) -> Iterable[Group]:
         said = Said("longer", low=1.0)
         lines.append(Line(f"{one} / {other}", a.task, a.solver, cost_against, a.settings, said, b, timed=True))
     if lines:
-        yield Group("time of a step", "quotient", tuple(lines), RUNS, QUICK, COST_WHY)
+        yield Group("time of a step", "quotient", tuple(lines), RUNS, 0, COST_WHY)
 
 
 def table(p: Printing) -> Table:
@@ -227,7 +233,7 @@ def _picture(p: Printing, name: str) -> Picture:
         "starts of 1/1/15 deg (1 sigma)."
     )
     caption += " Dots: printed." if p.columns[0].printed else ""
-    return courses(name, caption, rows, p.end_s, runs=RUNS, quick=QUICK)
+    return courses(name, caption, rows, p.end_s, runs=RUNS, quick=0)  # a single run costs as much as many together
 
 
 def _course(column: Column, noise: str, prior: str) -> Course:
