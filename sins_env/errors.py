@@ -14,8 +14,8 @@ def unknown(kind: str, given: object, allowed: Iterable[str]) -> ValueError:
     """The error for a name that does not exist: 'unknown task 'sway-whit-v0'; did you mean ...?'."""
     names = sorted(allowed)
     near = difflib.get_close_matches(str(given), names, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    return ValueError(f"unknown {kind} {given!r}; {hint}Allowed: {', '.join(names)}")
+    hint = f"did you mean {near[0]!r}? Allowed" if near else "allowed"
+    return ValueError(f"unknown {kind} {given!r}; {hint}: {', '.join(names)}")
 
 
 def build(cls: type[T], settings: Mapping[str, Any], kind: str) -> T:

@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 
 from rich.console import Console
 
+import sins_env
 from sins_env.errors import unknown
 from sins_env.evaluation.outcome import RunFailed
 from sins_env.memory import keep_freed_memory
@@ -121,6 +122,7 @@ def parser() -> argparse.ArgumentParser:
     """The whole grammar; each verb's function, as module:name, is its default ``go``."""
     about = "Which filter aligns a strapdown inertial system fastest?"
     top = _Parser(prog="sins-env", description=about, epilog=CODES)
+    top.add_argument("--version", action="version", version=f"%(prog)s {sins_env.__version__}")
     verbs = top.add_subparsers(dest="verb", metavar="VERB", parser_class=_Parser)
 
     def verb(name: str, go: str, text: str, epilog: str | None = None) -> argparse.ArgumentParser:

@@ -17,13 +17,15 @@ from sins_env.evaluation.tasks import EvaluationTask
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Three significant digits without an exponent; '-' for what is not known."""
+    """Three significant digits, without an exponent below ten million; '-' for what is not known."""
     if math.isnan(value):
         return "-"
     if math.isinf(value):
         return "never"
     if value == 0:
         return "0"
+    if abs(value) >= 1e7:  # whatever has diverged
+        return f"{value:.{digits - 1}e}"
     decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0)
     return f"{value:,.{decimals}f}"
 

@@ -132,7 +132,7 @@ def test_gaps(tmp_path):
         ({"window": (0.0, np.nan)}, "allowed:"),
         ({"window": [[1], [2, 3]]}, r"window = \[\[1\], \[2, 3\]\]; allowed: \(start, length\)"),
         ({"reveal_truth": "x"}, "reveal_truth = 'x'; allowed: True or False"),
-        ({"prior": {}}, r"unknown prior \{\}; Allowed: matched, thesis"),
+        ({"prior": {}}, r"unknown prior \{\}; allowed: matched, thesis"),
         ({"n_sub": "10"}, "n_sub = '10'; allowed: a whole number"),
         ({"coarse": 0}, "coarse = 0 with start = 'unknown'; allowed: a positive number"),
         ({"duration": "5"}, "duration = '5'; allowed: a number of seconds"),

@@ -111,7 +111,7 @@ def test_table_fits_in_100_columns_with_long_names():
 @pytest.mark.parametrize(
     ("value", "text"),
     [(0.0, "0"), (12.345, "12.3"), (853.1, "853"), (0.01234, "0.0123"), (1234.5, "1,234"),
-     (math.inf, "never"), (math.nan, "-"), (99.96, "100.0")],
+     (math.inf, "never"), (math.nan, "-"), (99.96, "100.0"), (-32_215_238.0, "-3.22e+07")],
 )  # fmt: skip
 def test_number(value, text):
     assert words.number(value) == text

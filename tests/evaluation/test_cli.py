@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import sins_env
 from sins_env.evaluation import listing, registry, tasks
 from sins_env.types import Observation
 
@@ -385,6 +386,7 @@ def test_no_command_shows_help(cli):
     assert (code, out) == (2, "")
     assert any("eval" in line for line in err)
     assert cli("--help")[0] == 0
+    assert cli("--version")[:2] == (0, f"sins-env {sins_env.__version__}\n")
 
 
 def test_names_of_installed_solvers(cli, monkeypatch):
