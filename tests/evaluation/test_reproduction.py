@@ -290,8 +290,12 @@ def test_an_interrupted_command_goes_on(cli, small, tmp_path, monkeypatch):
     assert cli(*given)[1] == whole
 
 
-def test_near_one_a_quotient_has_a_digit_more():
-    assert estimate_text(Estimate(1.0041, 0.9962, 1.012, 40)) == "1.004 [0.9962, 1.012]"
+def test_near_one_a_quotient_has_three_decimals():
+    assert estimate_text(Estimate(0.99999, 0.99996, 1.00001, 40)) == "1.000 [1.000, 1.000]"
+    assert estimate_text(Estimate(1.0041, 0.9962, 1.012, 40)) == "1.004 [0.996, 1.012]"
     assert estimate_text(Estimate(1.26, 1.19, 1.334, 40, lost=2)) == "1.26 [1.19, 1.33], 2 lost"
     assert estimate_text(Estimate(1.49, 1.49, 1.49, 0)) == "1.49"
+    assert estimate_text(Estimate(1.0, 1.0, 1.0, 40)) == "1.000"
+    assert estimate_text(Estimate(math.nan, math.nan, math.nan, 0)) == "-"
+    assert estimate_text(Estimate(math.inf, math.inf, math.inf, 40)) == "never"
     assert verdicts([Said("longer", low=1.0)], [Estimate(math.nan, math.nan, math.nan, 0)]) == ["not measured"]

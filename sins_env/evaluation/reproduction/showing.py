@@ -17,16 +17,18 @@ from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, OPEN, REPRO
 from sins_env.evaluation.words import number
 
 _STYLES = {REPRODUCED: "green", IN_ORDER: "yellow", OPEN: "yellow", NOT: "red"}
-NEAR_ONE = 0.1  #: where a third digit tells a quotient from one no longer
+NEAR_ONE = 0.1  #: where a quotient is told from one by its third decimal
 _HEADS = ("printed", "ours [95 %]", "bound", "verdict")
 
 
 def estimate_text(ours: Estimate) -> str:
     """A value with its interval, and how many runs were lost."""
     lost = f", {ours.lost} lost" if ours.lost else ""
-    digits = 4 if abs(ours.value - 1.0) < NEAR_ONE else 3
-    value, low, high = (number(x, digits) for x in (ours.value, ours.low, ours.high))
-    return f"{value}{lost}" if low == high else f"{value} [{low}, {high}]{lost}"
+    numbers = ours.value, ours.low, ours.high
+    near = abs(ours.value - 1.0) < NEAR_ONE and math.isfinite(sum(numbers))
+    value, low, high = (f"{x:.3f}" if near else number(x) for x in numbers)
+    exact = ours.low == ours.high if near else low == high
+    return f"{value}{lost}" if exact else f"{value} [{low}, {high}]{lost}"
 
 
 def _cells(outcome: Outcome) -> Iterator[tuple[str, str, str, str, str]]:
