@@ -80,6 +80,8 @@ def _told(one: Entry, task: Entry, interval: bool = False) -> str:
         return f"{text}, {one['failed']} of {one['runs']} failed"
     if task["bound"] is not None:
         text += f", ×{number(one['bound_ratio'])}"
+    if one["paired"] and task["ranked_by"] == "score":
+        text += f", {number(one['paired']['ratio'], 2)} of ckf"
     return text if task["ranked_by"] is None else f"{text}, {100 * one['success']:.0f} %"
 
 

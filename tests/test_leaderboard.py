@@ -131,7 +131,8 @@ def test_a_win_is_beyond_chance_and_worth_the_name(benchmarks):
     assert zoo["ekf"][-1] == "- |"
     assert zoo["gsf_ekf"][-2:] == ["2.0", "hotstart60 3 failed, not 52, jump 0.34 |"]
     _, _, white, jump, hot, _, made = benchmarks.readme.leaderboard(board).splitlines()
-    assert white.endswith("| `ekf` 50.0″, ×0.500, 100 %; `gsf_ekf` 99.5″, ×0.995, 100 %; `ckf` 100″, ×1.00, 100 % |")
+    assert "| `ekf` 50.0″, ×0.500, 0.50 of ckf, 100 %; " in white
+    assert white.endswith("`gsf_ekf` 99.5″, ×0.995, 0.99 of ckf, 100 %; `ckf` 100″, ×1.00, 100 % |")
     assert "| (99.0″) | 100″ [90.0″–110″], ×1.00, 100 % | **`gsf_ekf`** 34.1″" in jump
     assert "**`gsf_ekf`** 80.0″, 3 of 100 failed" in hot
     assert made == "Made 2026-01-01 to 2026-01-02 by code 1 (python 1, numpy 1, scipy 1), suite seed 0."

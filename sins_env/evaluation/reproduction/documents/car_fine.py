@@ -89,7 +89,9 @@ def _azimuth_table(position: int) -> Table:
         "000",
         "Standard deviation of the heading error over records after 90 s of coarse (inertial, SVD) and 210 s of fine alignment, "
         "simulated and on a recording of another car. As in the thesis the mixed filter's result is the mean of its last 20 "
-        "points, which are seconds here.",
+        "points, which are seconds here. The second group is not the stated unit but one whose random walk the printed figures "
+        "leave room for, without constant errors, which repeat: here differences between the filters would show. The windows of "
+        "the recording are the same beside each of the printed positions.",
         (
             Group(
                 f"simulated car, {words}; the unit as stated, another in each record",
@@ -106,8 +108,6 @@ def _azimuth_table(position: int) -> Table:
                 _azimuth_lines(QUIET, printed, of),
                 RUNS,
                 QUICK,
-                "A random walk that the printed figures leave room for, and no constant errors, which repeat: here differences "
-                "between the filters would show.",
             ),
             Group(WINDOWS, "deg", _azimuth_lines(RECORDING, printed, whole), RUNS, QUICK, ANOTHER),
         ),
