@@ -1,6 +1,7 @@
 """The tables of 001, 002 and 003: printed quotients, what is read off the runs beside plain NumPy, figures, and a slice."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from sins_env.evaluation.reproduction import get_table, readings
 from sins_env.evaluation.reproduction.documents import lu, sun2012, zhao2010
 from sins_env.evaluation.reproduction.navigation_pictures import Curve, Row, against_setting, rms_over_time
 from sins_env.evaluation.reproduction.tables import Source
-from sins_env.evaluation.reproduction.verdicts import NOT, REPRODUCED
+from sins_env.evaluation.reproduction.verdicts import NOT, OPEN, REPRODUCED, Said, verdicts
 from sins_env.evaluation.tasks import EvaluationTask
 from solvers import toy_examples
 from solvers.toy_models import changing_R
@@ -168,3 +169,13 @@ def test_a_slice_of_002(cli, tmp_path, monkeypatch):
     assert rows["x2, safeguarded"] == NOT
     assert REPRODUCED in rows.values() or "not told apart" in rows.values()
     assert "002, example 2" in out
+
+
+def test_costs_that_may_be_alike_are_not_told_apart():
+    def measured(ratio):
+        return SimpleNamespace(cost=SimpleNamespace(ratio=ratio))
+
+    longer = Said("longer", low=1.0)
+    found = [readings.cost_against(measured(ratio), measured(2.0)) for ratio in (2.1, 2.8, 1.5)]
+    assert [one.value for one in found] == [1.05, 1.4, 0.75]
+    assert verdicts([longer] * 3, found) == [OPEN, REPRODUCED, NOT]

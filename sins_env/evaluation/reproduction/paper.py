@@ -89,9 +89,10 @@ class Papers:
         }
         return sorted(found.values())
 
-    def ran(self, table: str, group: str) -> bool:
-        """Whether there is such a group and its recording was there."""
-        return any(group in one.group.title and one.ours for one in self._made[table].outcomes)
+    def ran(self, table: str, group: str, label: str = "") -> bool:
+        """Whether there is such a group with such a line, and it was run."""
+        there = (one.group for one in self._made[table].outcomes if group in one.group.title and one.ours)
+        return any(line.label.startswith(label) for group in there for line in group.shown)
 
     def tallies(self) -> list[Tally]:
         return [
@@ -134,7 +135,7 @@ def paper(made: Sequence[Made], store: Store, quick: bool) -> str:
         "claims": [
             (one.document, one.text, papers.line(one.table, one.group, one.line))
             for one in CLAIMS
-            if not quick or papers.ran(one.table, one.group)
+            if not quick or papers.ran(one.table, one.group, one.line)
         ],
         "extremes": [number(size) for size in printed_extremes()],
         "ran": papers.ran,

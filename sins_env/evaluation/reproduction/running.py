@@ -76,10 +76,10 @@ class _Plan:
     """What a table needs."""
 
     def __init__(self, table: Table, runs: int | None, quick: bool) -> None:
-        shown = tuple(p for p in table.pictures if p.quick or not quick)
-        self.table = replace(table, pictures=shown)
+        self.table = first_look(table) if quick else table
         self._groups = [
-            (group, runs or (group.quick if quick else group.runs), _missing(group, quick)) for group in table.groups
+            (group, runs or (group.quick if quick else group.runs), _missing(group, quick))
+            for group in self.table.groups
         ]
         self._pictures = [(p, runs or (p.quick if quick else p.runs)) for p in self.table.pictures]
         self._evaluations: dict[tuple[str, int], Evaluation] = {}
@@ -121,6 +121,12 @@ class _Plan:
         if name not in self._evaluations:
             self._evaluations[name] = Evaluation.of(*source, range(name[1]), None)
         return self._evaluations[name]
+
+
+def first_look(table: Table) -> Table:
+    """The table without the lines and pictures that a quick look leaves out."""
+    groups = (replace(group, lines=tuple(line for line in group.lines if line.quick)) for group in table.groups)
+    return replace(table, groups=tuple(groups), pictures=tuple(p for p in table.pictures if p.quick))
 
 
 def _missing(group: Group, quick: bool) -> str:

@@ -40,6 +40,7 @@ class Line:
     printed: Print | None = None  #: None: not in the source
     against: Source | None = None  #: ``read`` then gets the results of the same runs of these besides
     timed: bool = False  #: ``read`` needs what a step costs
+    quick: bool = True  #: in a first look, if its group is
 
     @property
     def sources(self) -> tuple[Source, ...]:

@@ -54,7 +54,7 @@ class Flight(NamedTuple):
 
 FLIGHTS = (
     Flight(FIXED, "as printed: misalignment and biases + 1 sigma in every run"),
-    Flight(DRAWN, "misalignment and biases drawn"),
+    Flight(DRAWN, "misalignment and biases drawn", quick=0),
     Flight(
         PHYSICAL, "as an aircraft could fly it: 40 m/s, coordinated turns; not in 001", printed=False, runs=100, quick=0
     ),
@@ -80,7 +80,9 @@ def _quotients(flight: Flight) -> tuple[Line, ...]:
     if flight.task is FIXED:
         same = Said("the same", 0.9999, 1.0001)
         read = ratio_of_armse("azimuth")
-        lines.append(Line("heading, UKF / CKF", flight.task, "ukf", read, {"kappa": 0.0}, same, against=ckf))
+        lines.append(
+            Line("heading, UKF / CKF", flight.task, "ukf", read, {"kappa": 0.0}, same, against=ckf, quick=False)
+        )
     return tuple(lines)
 
 
@@ -101,7 +103,7 @@ PICTURE = rms_over_time(
     [Row(short, [Curve(label, Source(task, solver)) for label, solver in FILTERS.items()]) for task, short in COURSES],
     {name: PRINTED[name] for name in ("azimuth", "pitch", "position")},
     runs=RUNS,
-    quick=QUICK,
+    quick=0,
 )
 
 TABLES = (
