@@ -43,11 +43,15 @@ def names() -> list[str]:
 def _offers() -> dict[str, list[EntryPoint]]:
     """Entry points by name, each value once; the project's own solvers come alone."""
     found: dict[str, list[EntryPoint]] = {}
+    packages: dict[int, EntryPoint] = {}
     for point in importlib.metadata.entry_points(group=GROUP):
         same = found.setdefault(point.name, [])
         if point.value not in [other.value for other in same]:
             same.append(point)
-    return {name: [p for p in points if _is_own(p)][:1] or points for name, points in found.items()}
+        packages[id(point.dist)] = point
+    # a package's name is parsed anew whenever it is asked for: once for all its points
+    own = {dist for dist, point in packages.items() if _is_own(point)}
+    return {name: [p for p in points if id(p.dist) in own][:1] or points for name, points in found.items()}
 
 
 def _is_own(point: EntryPoint) -> bool:
