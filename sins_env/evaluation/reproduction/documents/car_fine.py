@@ -62,7 +62,8 @@ def _line(
     label: str, task: EvaluationTask, solver: str, read: Reader, printed: float | None = None, **settings: Any
 ) -> Line:
     figure = None if printed is None else Printed(printed, RECORDS, about_mean=True)
-    return Line(label, task, solver, read, {**AS_THESIS, **settings}, figure, quick=solver not in PARTICLES)
+    quick = solver not in PARTICLES and not settings  # what is as in the thesis, and not slow
+    return Line(label, task, solver, read, {**AS_THESIS, **settings}, figure, quick=quick)
 
 
 def _azimuth_lines(task: EvaluationTask, printed: tuple[float, ...], of: Part) -> tuple[Line, ...]:

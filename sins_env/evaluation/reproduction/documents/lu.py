@@ -21,7 +21,7 @@ from sins_env.evaluation.reproduction.tables import Group, Line, Source, Table
 from sins_env.evaluation.reproduction.verdicts import Said
 from sins_env.evaluation.tasks import EvaluationTask, get_task
 
-RUNS, QUICK = 40, 4
+RUNS, QUICK = 40, 3
 
 GAUSS, MIXTURE = get_task("flight-lu-gauss-v0"), get_task("flight-lu-mixture-v0")
 ALPHA = {"alpha": 1.345}
