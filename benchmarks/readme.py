@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
 JSON = ROOT / "benchmarks" / "leaderboard.json"
 BEST = 3  #: solvers of a task in the leaderboard
+SHARE = 0.1  #: of the runs of ckf that one of the best has at least
 MOST = 4  #: tasks of a solver in the zoo
 WORTH = 0.99  #: a ratio above is no win, however well it is known
 
@@ -51,7 +52,7 @@ def _task_row(task: Entry, entries: Sequence[Entry]) -> tuple[str, ...]:
     if task["bound_holds"] is False and task["bound"] is not None:
         bound = f"({bound})"
     best = []
-    for one in _best_first(task, entries)[:BEST]:
+    for one in _best_first(task, [one for one in entries if one["runs"] >= SHARE * yardstick["runs"]])[:BEST]:
         other = f" ({one['runs']} runs)" if one["runs"] != yardstick["runs"] else ""
         best.append(f"{_strong(one)} {_told(one, task)}{other}")
     return (_short(task["task"]), str(yardstick["runs"]), bound, _told(yardstick, task, interval=True), "; ".join(best))

@@ -123,6 +123,7 @@ def test_a_win_is_beyond_chance_and_worth_the_name(benchmarks):
             *(entry(name, "ckf", failed=52) for name in kinds),
             entry("sway-white-v0", "ekf", 0.5, (0.2, 1.1)),
             entry("sway-white-v0", "gsf_ekf", 0.995, (0.99, 0.999)),
+            entry("sway-white-v0", "filterpy_kf", 0.4) | {"runs": 2},
             entry("sway-jump-v0", "gsf_ekf", 0.341),
             entry("flight-hotstart60-v0", "gsf_ekf", 0.8, (0.2, 1.2), 3, (-0.49, (-0.6, -0.4))),
         ],
