@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 
 class DeadReckoning:
-    """Turns the told attitude by every gyro increment. Drifts with the earth's rotation, and keeps the start's error."""
+    """Turns the told attitude by the gyro increments. Drifts with the earth's rotation, and keeps the start's error."""
 
     batched = False  # one run at a time; True takes a leading run axis
 
@@ -16,8 +16,8 @@ class DeadReckoning:
         self.attitude = Rotation.from_quat(q_nb, scalar_first=True)
 
     def step(self, obs):
-        for dtheta in obs["dtheta"]:
-            self.attitude = self.attitude * Rotation.from_rotvec(dtheta)
+        turn = obs["dtheta"].sum(axis=0)  # of an epoch; its coning is small beside the earth's rotation
+        self.attitude = self.attitude * Rotation.from_rotvec(turn)
         return self.attitude.as_quat(scalar_first=True)
 
 

@@ -449,11 +449,17 @@ def test_process_pipe_and_piped_reader(tmp_path):
     assert (done.returncode, err) == (0, "")
 
 
+def listens():
+    """SIGINT is ignored by what a shell runs in the background, and by all that it starts."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_ctrl_c_keeps_what_is_done(tmp_path):
     """A real SIGINT to the whole process group, workers included."""
     slow = spawn(
         "eval", "--task", "short-v0", "--solver", PLUGIN + "Slow", "--set", "seconds=0.003", "--runs", 60,
         "--chunk", 1, "--workers", 2, cwd=tmp_path, start_new_session=True,
+        preexec_fn=listens,
     )  # fmt: skip
     path = tmp_path / "results.sqlite"
     deadline = time.monotonic() + 180  # of a loaded machine
