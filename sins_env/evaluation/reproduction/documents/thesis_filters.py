@@ -23,7 +23,7 @@ from sins_env.specs import ARCSEC
 
 RUNS, QUICK = 40, 5
 QUICK_PARTICLES = 2  #: of tables with particle filters, which cost a hundred times as much
-SLOW = {"rqmc_gpf", "aukf_fading"}  #: not in a first look: like gpf at its price; not printed
+SLOW = {"rqmc_gpf", "cgpf", "aukf_fading"}  #: not in a first look: like gpf, the same as ckf, not printed
 AXES = ("east", "north", "azimuth")
 LEVELS, AZIMUTH = (0, 1), 2
 WHITE, MARKOV = "white noise", "Gauss-Markov noise"
