@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import solvers
+import zoo
+
 from sins_env.evaluation.filling import Evaluation
 from sins_env.evaluation.tasks import TASKS, EvaluationTask, get_task
 
@@ -38,7 +39,7 @@ HEADING = ("inekf", "iekf", "gsf_ekf")
 COARSE = ("coarse_inertial", "coarse_oba")
 AT_REST = ("coarse_analytic1", "coarse_analytic2", "coarse_analytic3")
 FIRST = (*GAUSSIAN, *ADAPTIVE[:-1], "gm_ekf", "gsf_ekf", "gpf", "cgpf", *COARSE, *AT_REST)
-OTHERS = tuple(name for name in solvers.names() if name not in {*FIRST, *FILTERPY})
+OTHERS = tuple(name for name in zoo.names() if name not in {*FIRST, *FILTERPY})
 
 SUITE = (
     Portion("sway-white-v0", 100, FIRST),

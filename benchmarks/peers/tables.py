@@ -61,7 +61,7 @@ def notes(result: Result) -> list[str]:
     return [
         *differing(result),
         *whole_ins(result),
-        "Every KF is given F; in the pipeline `kf` takes it from the error model at each epoch, which is most of its cost above.",
+        "Every KF is given F. In the pipeline `kf` also feeds its errors back at each epoch, which the `ckf` above does not.",
         *(f"{name}: not measured, {why}." for name, why in result["absent"].items()),
         where(result),
     ]

@@ -16,6 +16,7 @@ from sins_env.evaluation.reproduction.verdicts import NOTHING, Estimate, mean, r
 Array = NDArray[np.float64]
 Reader = Callable[..., Estimate]
 COST_REPEATS = 0.1  #: relative; UKF over CKF was measured as 0.98 and 1.05, and they are the same code
+TIME_OF_A_STEP = f"time of a step, ± {100 * COST_REPEATS:g} %"  #: title of a group that is read so
 
 
 def end_errors(results: Results, points: int = 0) -> Array:

@@ -14,7 +14,7 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 from sins_env.evaluation.reproduction.pictures import Course, courses
-from sins_env.evaluation.reproduction.readings import COST_REPEATS, Reader, apart, cost_against, error, quotient
+from sins_env.evaluation.reproduction.readings import TIME_OF_A_STEP, Reader, apart, cost_against, error, quotient
 from sins_env.evaluation.reproduction.sway_readings import settling, wander
 from sins_env.evaluation.reproduction.tables import Group, Line, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import Print, Printed, Said
@@ -124,7 +124,7 @@ class Printing:
     @property
     def quick(self) -> int:
         """Runs for a first look."""
-        if self.noise == MARKOV:  # 600 s, of which most are printed for both noises
+        if self.noise == MARKOV:  # the longer runs, of filters that are in white noise too
             return 0
         return QUICK_PARTICLES if any(column.single for column in self.columns) else QUICK
 
@@ -201,7 +201,7 @@ def _cost(p: Printing) -> Iterable[Group]:
         said = Said("longer", low=1.0)
         lines.append(Line(f"{one} / {other}", a.task, a.solver, cost_against, a.settings, said, b, timed=True))
     if lines:
-        yield Group(f"time of a step, ± {100 * COST_REPEATS:g} %", "quotient", tuple(lines), RUNS, 0, COST_WHY)
+        yield Group(TIME_OF_A_STEP, "quotient", tuple(lines), RUNS, 0, COST_WHY)
 
 
 def table(p: Printing) -> Table:
