@@ -20,13 +20,15 @@ from pathlib import Path
 
 import numpy as np
 
-from sins_env.evaluation.criteria import Criteria
-from sins_env.evaluation.rows import COLUMNS, Key, criteria_text
-from sins_env.evaluation.store import Store
-from sins_env.evaluation.tasks import get_task
+from sins_env.evaluation.play.criteria import Criteria
+from sins_env.evaluation.store.key import Key
+from sins_env.evaluation.store.rows import criteria_text
+from sins_env.evaluation.store.schema import COLUMNS
+from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.tasks.task import get_task
 
 TASKS = ("sway-white-v0", "sway-markov-v0", "sway-told-wrong-v0", "sway-jump-v0", "sway-heavytail-v0")
-BOARD = [sys.executable, "-c", "from sins_env.evaluation.cli import main; raise SystemExit(main())", "board", "--db"]
+BOARD = [sys.executable, "-c", "from sins_env.cli.main import main; raise SystemExit(main())", "board", "--db"]
 
 
 def make_file(path: Path, tasks: Sequence[str] = TASKS, solvers: int = 40, runs: int = 1000) -> None:

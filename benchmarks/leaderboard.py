@@ -20,19 +20,19 @@ from typing import Any, NamedTuple
 import story
 import suite
 
-from sins_env.evaluation import registry
-from sins_env.evaluation.cost import measure_cost
-from sins_env.evaluation.filling import fill
-from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.outcome import remark
-from sins_env.evaluation.paired import Estimate, apart, common, difference_of_rates, ratio_of_rms
-from sins_env.evaluation.quantities import QUANTITIES, run_errors
-from sins_env.evaluation.ranking import by_failures, failure_rate, headline, ranked
-from sins_env.evaluation.resampling import NO_INTERVAL, Interval
-from sins_env.evaluation.store import Store
-from sins_env.evaluation.words import bound_ratio, nees_of, spread_of
-from sins_env.memory import keep_freed_memory
-from sins_env.specs import ARCSEC, DEG
+from sins_env.cli.output import remark
+from sins_env.evaluation.estimators import version
+from sins_env.evaluation.estimators.memory import keep_freed_memory
+from sins_env.evaluation.score.paired import Estimate, apart, common, difference_of_rates, ratio_of_rms
+from sins_env.evaluation.score.quantities import QUANTITIES, run_errors
+from sins_env.evaluation.score.ranking import by_failures, failure_rate, headline, ranked
+from sins_env.evaluation.score.resampling import NO_INTERVAL, Interval
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.show.columns import bound_ratio, nees_of, spread_of
+from sins_env.evaluation.speed.cost import measure_cost
+from sins_env.evaluation.store.filling import fill
+from sins_env.evaluation.store.store import Store
+from sins_env.units import ARCSEC, DEG
 
 ROOT = Path(__file__).resolve().parents[1]
 JSON = ROOT / "benchmarks" / "leaderboard.json"
@@ -171,7 +171,7 @@ def _provenance(store: Store) -> dict[str, Any]:
     sessions = {one.id: one for key in keys for one in store.sessions(key)}
     started = sorted(one.started for one in sessions.values())
     return {
-        "code": registry.code_version(suite.YARDSTICK),
+        "code": version.code_version(suite.YARDSTICK),
         "started": [started[0], started[-1]],
         "machines": sorted({one.machine for one in sessions.values()}),
         "versions": sessions[max(sessions)].versions,

@@ -20,9 +20,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from filterpy_ukf import P0, Q, R, an_epoch, best
 
-from sins_env.memory import keep_freed_memory
+from sins_env.evaluation.estimators.memory import keep_freed_memory
 from solvers.filters import make_filter
-from solvers.pipeline.error_state import AlignmentErrors
+from solvers.pipeline.errors.alignment import AlignmentErrors
 from solvers.types import Gaussian, Linear, Measurement
 
 #: name, settings, how the table calls it

@@ -15,8 +15,8 @@ import markers
 import suite
 import zoo
 
-from sins_env.evaluation.outcome import remark
-from sins_env.evaluation.words import angle, number
+from sins_env.cli.output import remark
+from sins_env.evaluation.show.numbers import angle, number
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"

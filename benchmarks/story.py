@@ -11,13 +11,14 @@ import matplotlib
 import numpy as np
 import suite
 
-from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.outcome import remark
-from sins_env.evaluation.paired import paired_ratio
-from sins_env.evaluation.plots import COLOURS, band, bound_style, finish, new_figure, size_of
-from sins_env.evaluation.report_figures import front
-from sins_env.evaluation.words import bound_ratio
-from sins_env.specs import DEG
+from sins_env.cli.output import remark
+from sins_env.evaluation.report.figures import front
+from sins_env.evaluation.score.paired import paired_ratio
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.show.columns import bound_ratio
+from sins_env.evaluation.show.error_figure import band, size_of
+from sins_env.evaluation.show.style import COLOURS, bound_style, finish, new_figure
+from sins_env.units import DEG
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

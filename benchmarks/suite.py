@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import zoo
 
-from sins_env.evaluation.filling import Evaluation
-from sins_env.evaluation.tasks import TASKS, EvaluationTask, get_task
+from sins_env.evaluation.store.filling import Evaluation
+from sins_env.evaluation.tasks.task import TASKS, EvaluationTask, get_task
 
 YARDSTICK = "ckf"
 

@@ -22,7 +22,7 @@ UNSHOWN = (
 
 
 def names() -> list[str]:
-    """Every solver: the filters family by family, as they are registered, then what is complete by itself."""
+    """Every solver: the filters family by family, then what is complete by itself."""
     known = filters.names()
     return [*known, *(name for name in solvers.names() if name not in known)]
 

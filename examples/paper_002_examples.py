@@ -6,7 +6,7 @@ The printed system explodes, so this is its bounded form (|x2 x3|). "as printed"
 
 import numpy as np
 
-from sins_env.evaluation.reproduction.toy_pictures import draw_example
+from sins_env.evaluation.reproduction.pictures.toy import draw_example
 from solvers.toy_examples import STEPS, example_1, example_2, exploded
 
 RUNS = 200

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.special import ndtr
 
-from solvers.blocks.points_random import normals, run_keys
 from solvers.filters import make_filter
+from solvers.filters.particles.random_points import normals, run_keys
 from solvers.types import Gaussian, Linear, Measurement, Transition
 
 POINTS, RUNS, NUMBERS = 2048, 100, [64, 128, 256, 512, 1024, 2048, 4096]

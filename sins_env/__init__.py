@@ -18,11 +18,14 @@ Importing this package registers ``SINS/AlignSway-v0``, ``SINS/AlignStatic-v0``,
 ``SINS/NavFlight-v0`` and ``SINS/Replay-v0`` with Gymnasium.
 """
 
+from sins_env import moved as _moved
 from sins_env.envs import register as _register
-from sins_env.specs import GPS_PRESETS, IMU_PRESETS, GpsSpec, ImuSpec, Prior
+from sins_env.prior import Prior
+from sins_env.specs import GPS_PRESETS, IMU_PRESETS, GpsSpec, ImuSpec
 from sins_env.types import Estimator, NavState, Observation, Site, Task
+from sins_env.version import VERSION
 
-__version__ = "0.1.0"
+__version__ = VERSION
 __all__ = [
     "GPS_PRESETS",
     "IMU_PRESETS",
@@ -36,4 +39,5 @@ __all__ = [
     "Task",
 ]
 
+_moved.install()
 _register()

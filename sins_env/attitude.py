@@ -8,9 +8,8 @@ computed frame c by right-handed rotations about U, then E, then N, and C_hat_nb
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sins_env.arrays import Array
 
 
 def _left_table() -> Array:

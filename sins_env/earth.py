@@ -9,11 +9,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sins_env.errors import unknown
+from sins_env.arrays import Array
+from sins_env.checks import unknown
 
-Array = NDArray[np.float64]
 Scalar = float | Array
 
 MAX_LATITUDE = math.radians(89.9)  #: the local-level frame is singular at the poles

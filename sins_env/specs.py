@@ -6,29 +6,23 @@ fields is accepted wherever a spec is asked for (:func:`imu_spec`, :func:`gps_sp
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sins_env import checks, presets
-from sins_env.errors import build, unknown
+from sins_env import checks, moved, presets
+from sins_env.arrays import Array
+from sins_env.checks import build, unknown
+from sins_env.units import DEG_PER_SQRT_H, UG
 
-Array = NDArray[np.float64]
+#: Units and priors were here in version 0.1.0, and are found here still.
+__getattr__ = moved.forward(__name__, ("sins_env.units", "sins_env.prior"))
+
 Check = Callable[[str, Any], Any]  #: name, given -> the value; raises
 S = TypeVar("S", "ImuSpec", "GpsSpec")
-
-G0 = 9.80665  #: m/s^2, the "g" of sensor specifications
-DEG = math.pi / 180.0
-ARCSEC = DEG / 3600.0
-DEG_PER_H = DEG / 3600.0  #: rad/s
-DEG_PER_SQRT_H = DEG / 60.0  #: rad/sqrt(s)
-UG = 1e-6 * G0  #: m/s^2, and m/s/sqrt(s) for micro-g per sqrt(Hz)
-PPM = 1e-6
 
 
 _INTERVAL = "(start, end) in s, 0 <= start < end"
@@ -147,106 +141,6 @@ class GpsSpec:
         vel = self.vel_std_mps if vel_std_mps is None else vel_std_mps
         return replace(self, outages_s=(), jump_mps=0.0, jump_s=0.0, vel_std_mps=vel)
 
-
-@dataclass(frozen=True)
-class Prior:
-    """What every estimator is told of the start, the process noise and the fixes.
-
-    ``P0`` and ``Q`` order the 15 errors as phi E N U (rad), velocity E N U (m/s), position E N U (m), gyro bias
-    R F U (rad/s), accelerometer bias R F U (m/s^2); ``R`` orders velocity (m/s), position (m). ``Q`` is per epoch.
-    The arrays are read-only, for every run is told the same ones.
-    """
-
-    attitude_std_deg: tuple[float, ...]
-    velocity_std_mps: float
-    position_std_m: float
-    gyro_bias_std_deg_h: float
-    accel_bias_std_ug: float
-    arw_deg_sqrt_h: float
-    vrw_ug_sqrt_hz: float
-    gps_vel_std_mps: tuple[float, ...]
-    gps_pos_std_m: tuple[float, ...]
-    epoch_s: float
-
-    @cached_property
-    def P0(self) -> Array:
-        """(15, 15) covariance of the errors at the start."""
-        std = [
-            *(np.asarray(self.attitude_std_deg) * DEG),
-            *[self.velocity_std_mps] * 3,
-            *[self.position_std_m] * 3,
-            *[self.gyro_bias_std_deg_h * DEG_PER_H] * 3,
-            *[self.accel_bias_std_ug * UG] * 3,
-        ]
-        return _frozen(np.diag(np.square(std)))
-
-    @cached_property
-    def Q(self) -> Array:
-        """(15, 15) covariance of the noise of one epoch: diag(N^2, VRW^2, 0, 0, 0) epoch."""
-        std = [self.arw_deg_sqrt_h * DEG_PER_SQRT_H] * 3 + [self.vrw_ug_sqrt_hz * UG] * 3 + [0.0] * 9
-        return _frozen(np.diag(np.square(std)) * self.epoch_s)
-
-    @cached_property
-    def R(self) -> Array:
-        """(6, 6) covariance of a fix: velocity m/s, position m."""
-        return _frozen(np.diag(np.square([*self.gps_vel_std_mps, *self.gps_pos_std_m])))
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without the arrays, which a copy or another process would get writeable."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
-
-
-def _frozen(array: Array) -> Array:
-    array.setflags(write=False)
-    return array
-
-
-#: 1-sigma start errors that the environment draws and the matched prior tells.
-TOLD_START_STD_DEG = (1.0, 1.0, 15.0)
-#: Told spread of a heading that is drawn over the circle.
-ANY_HEADING_STD_DEG = 180.0 / math.sqrt(3.0)
-#: Told spread of the attitude after coarse alignment.
-COARSE_STD_DEG = (0.1, 0.1, 2.0)
-START_VELOCITY_STD_MPS = 0.2
-
-
-def matched_prior(imu: ImuSpec, gps: GpsSpec, epoch_s: float, attitude_std_deg: tuple[float, ...]) -> Prior:
-    """The prior that tells what the environment draws; a Gauss-Markov bias adds its stationary variance.
-
-    A perfect sensor is told a thousandth of the navigation preset instead of zero, so that P0 and R can be inverted.
-    """
-    floor = IMU_PRESETS["navigation"]
-    return Prior(
-        attitude_std_deg=attitude_std_deg,
-        velocity_std_mps=START_VELOCITY_STD_MPS,
-        position_std_m=float(max(gps.pos_std.max(), 1e-3)),
-        gyro_bias_std_deg_h=max(math.hypot(imu.gyro_bias_deg_h, imu.gyro_markov_deg_h), 1e-3 * floor.gyro_bias_deg_h),
-        accel_bias_std_ug=max(math.hypot(imu.accel_bias_ug, imu.accel_markov_ug), 1e-3 * floor.accel_bias_ug),
-        arw_deg_sqrt_h=imu.arw_deg_sqrt_h,
-        vrw_ug_sqrt_hz=imu.vrw_ug_sqrt_hz,
-        gps_vel_std_mps=tuple(np.maximum(gps.vel_std, 1e-4).tolist()),
-        gps_pos_std_m=tuple(np.maximum(gps.pos_std, 1e-3).tolist()),
-        epoch_s=epoch_s,
-    )
-
-
-def thesis_prior(imu: ImuSpec, gps: GpsSpec, epoch_s: float, attitude_std_deg: tuple[float, ...]) -> Prior:
-    """000 section 2.5.4 in reading (C): (5e-4 g)^2 and (0.01 deg/h)^2 added at each 100 Hz step, R = (0.1 m/s)^2.
-
-    Reading (C) takes the printed numbers as covariances in m/s and rad per step (equations.md L). One hundred steps
-    per second turn them into densities: 10 x 5e-4 g per sqrt(s), and 10 x (0.01 deg/h in rad) per sqrt(s).
-    """
-    return replace(
-        matched_prior(imu, gps, epoch_s, attitude_std_deg),
-        gyro_bias_std_deg_h=0.02,
-        accel_bias_std_ug=200.0,
-        arw_deg_sqrt_h=10 * 0.01 * DEG_PER_H / DEG_PER_SQRT_H,
-        vrw_ug_sqrt_hz=10 * 500.0,
-        gps_vel_std_mps=(0.1, 0.1, 0.1),
-    )
-
-
-PRIORS = {"matched": matched_prior, "thesis": thesis_prior}
 
 IMU_PRESETS: dict[str, ImuSpec] = {name: ImuSpec(**values) for name, values in presets.IMU.items()}
 GPS_PRESETS: dict[str, GpsSpec] = {name: GpsSpec(**values) for name, values in presets.GPS.items()}

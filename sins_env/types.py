@@ -9,9 +9,10 @@ from typing import NamedTuple, Protocol, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env.specs import GpsSpec, ImuSpec, Prior
+from sins_env.arrays import Array
+from sins_env.prior import Prior
+from sins_env.specs import GpsSpec, ImuSpec
 
-Array = NDArray[np.float64]
 Rng = np.random.Generator | Sequence[np.random.Generator]
 
 

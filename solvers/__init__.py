@@ -13,12 +13,12 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
-from sins_env.errors import unknown
+from sins_env.checks import unknown
 from sins_env.types import Estimator
 from solvers import filters
 from solvers.filters import register
-from solvers.pipeline.coarse import estimators as coarse
-from solvers.pipeline.pipeline import Pipeline
+from solvers.pipeline import coarse_only as coarse
+from solvers.pipeline.estimator import Pipeline
 from solvers.pipeline.two_pass import TwoPass
 
 __all__ = ["describe", "make", "names", "register", "settings"]

@@ -26,15 +26,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sins_env.arrays import Array, Mask
 from sins_env.checks import whole
 from solvers.blocks.conditioning import inverse
 from solvers.blocks.moments import moments
-from solvers.blocks.square_root import Mask, symmetrize
-from solvers.filters.augmented_aukf import AugmentedAUKF
+from solvers.blocks.square_root import symmetrize
+from solvers.filters.adaptive.augmented_aukf import AugmentedAUKF
 from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter
-from solvers.filters.gaussian_particles import GaussianParticles
-from solvers.types import Array, Gaussian, Health, Measurement, Transition
+from solvers.filters.particles.gaussian_particles import GaussianParticles
+from solvers.types import Gaussian, Health, Measurement, Transition
 
 Steps = Iterable[tuple[Transition, Measurement | None]]
 

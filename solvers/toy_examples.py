@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sins_env.arrays import Array
 from solvers.filters import make_filter
-from solvers.filters.aukf import LITERAL
+from solvers.filters.adaptive.aukf import LITERAL
 from solvers.toy_models import Benchmark002, Track, Truth, changing_R
-from solvers.types import Array
 
 STEPS = 300
 #: The adaptive filter told wrong, with the recursion of the paper and with its safeguards; the UKF told wrong and right.

@@ -22,8 +22,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sins_env.arrays import Array
 from sins_env.checks import choice, keep, number
-from solvers.types import Array, Filter, Gaussian, Health, Measurement, Transition
+from solvers.types import Filter, Gaussian, Health, Measurement, Transition
 
 VARIANTS = ("literal", "small_q", "abs")
 G = np.ones((3, 1))

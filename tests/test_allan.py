@@ -2,11 +2,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sins_env.allan import Allan, allan_deviation, expected_allan, gauss_markov, quantisation, white_noise
-from sins_env.figures import allan_figure, simulate_at_rest
-from sins_env.imu import GaussMarkov, Imu
+from sins_env.cli.describe.figures import allan_figure, simulate_at_rest
 from sins_env.recordings import load
-from sins_env.specs import ARCSEC, DEG_PER_H, IMU_PRESETS, UG, ImuSpec
+from sins_env.sensors.allan import Allan, allan_deviation, expected_allan, gauss_markov, quantisation, white_noise
+from sins_env.sensors.imu import GaussMarkov, Imu
+from sins_env.specs import IMU_PRESETS, ImuSpec
+from sins_env.units import ARCSEC, DEG_PER_H, UG
 
 TAUS = np.array([0.01, 0.03, 0.1, 0.5, 2.0, 10.0, 60.0])
 

@@ -23,7 +23,7 @@ def test_the_table_has_every_filter_at_every_size(costs, capsys):
 
 
 def test_a_filter_that_fails_is_shown_and_the_others_go_on(costs, capsys, monkeypatch):
-    from solvers.filters.ekf import EKF
+    from solvers.filters.kalman.ekf import EKF
 
     def broken(self, b, tr):
         raise ZeroDivisionError("on purpose")
@@ -38,7 +38,7 @@ def test_a_filter_that_fails_is_shown_and_the_others_go_on(costs, capsys, monkey
 def test_a_slow_filter_is_timed_for_one_pair_of_blocks(costs, monkeypatch):
     import time
 
-    from solvers.filters.kf import KF
+    from solvers.filters.kalman.kf import KF
 
     recorded = costs["record"]("sway-white-v0", 1)
     assert recorded.prior.mean.shape == (10,)

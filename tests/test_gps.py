@@ -4,10 +4,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 from sins_env import attitude, earth
-from sins_env.gps import Gps, epochs_per_fix
+from sins_env.motion import Motion
+from sins_env.sensors.gps import Gps, epochs_per_fix
 from sins_env.specs import GPS_PRESETS, GpsSpec
 from sins_env.trajectory import THESIS, Sway
-from sins_env.trajectory.base import Motion
 from sins_env.types import NavState, Site
 
 WGS84 = earth.get("wgs84")

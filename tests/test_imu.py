@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sins_env.imu import GaussMarkov, Imu, Script, Wave, standard_normal
-from sins_env.specs import ARCSEC, DEG_PER_H, PPM, UG, ImuSpec
+from sins_env.sensors.imu import GaussMarkov, Imu, Script, Wave, standard_normal
+from sins_env.specs import ImuSpec
+from sins_env.units import ARCSEC, DEG_PER_H, PPM, UG
 
 EVERYTHING = ImuSpec(
     gyro_bias_deg_h=1.0,

@@ -1,6 +1,8 @@
 """Imports go downward only: the world knows nothing of the solvers, the score nothing of their inside."""
 
 import ast
+import graphlib
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -10,18 +12,26 @@ SOURCES = sorted((ROOT / "sins_env").rglob("*.py")) + sorted((ROOT / "solvers").
 
 #: Layers from the bottom up; a module imports from its own layer or from those below.
 LAYERS = (
-    (
-        "sins_env.errors",
-        "sins_env.checks",
-        "sins_env.earth",
-        "sins_env.attitude",
-        "sins_env.presets",
-        "sins_env.specs",
-        "sins_env.types",
-    ),
-    ("sins_env.trajectory", "sins_env.imu", "sins_env.gps", "sins_env.recordings", "sins_env.allan"),
-    ("sins_env.envs", "sins_env.figures"),
+    ("sins_env.arrays", "sins_env.moved", "sins_env.units", "sins_env.version"),
+    ("sins_env.checks", "sins_env.presets"),
+    ("sins_env.earth", "sins_env.attitude", "sins_env.specs"),
+    ("sins_env.prior",),
+    ("sins_env.types",),
+    ("sins_env.motion",),
+    ("sins_env.trajectory", "sins_env.sensors", "sins_env.recordings"),
+    ("sins_env.worlds",),
+    ("sins_env.envs",),
+    ("sins_env.evaluation.tasks",),
+    ("sins_env.evaluation.estimators",),
+    ("sins_env.evaluation.play",),
+    ("sins_env.evaluation.bound", "sins_env.evaluation.speed"),
+    ("sins_env.evaluation.score",),
+    ("sins_env.evaluation.show", "sins_env.evaluation.contract", "sins_env.evaluation.monte_carlo"),
+    ("sins_env.evaluation.store", "sins_env.evaluation.replay"),
+    ("sins_env.evaluation.report", "sins_env.evaluation.reproduction"),
     ("sins_env.evaluation",),
+    ("sins_env.cli",),
+    ("sins_env",),
     ("solvers.types",),
     ("solvers.blocks",),
     ("solvers.filters", "solvers.smoothing"),
@@ -30,12 +40,15 @@ LAYERS = (
 )
 #: What the mathematics may use of the world.
 SHARED = (
-    "sins_env.earth",
+    "sins_env.arrays",
     "sins_env.attitude",
-    "sins_env.types",
-    "sins_env.errors",
     "sins_env.checks",
+    "sins_env.earth",
+    "sins_env.moved",
+    "sins_env.prior",
     "sins_env.specs",
+    "sins_env.types",
+    "sins_env.units",
 )
 
 
@@ -65,9 +78,8 @@ def within(name, prefix):
 
 
 def layer(name):
-    """The layer of a module; ``sins_env`` itself only re-exports, and counts as its environments."""
-    matches = [(len(p), i) for i, prefixes in enumerate(LAYERS) for p in prefixes if within(name, p)]
-    return max(matches)[1] if matches else 2
+    """The layer of a module: that of the longest name that fits."""
+    return max((len(p), i) for i, prefixes in enumerate(LAYERS) for p in prefixes if within(name, p))[1]
 
 
 def violations(name, imported):
@@ -81,24 +93,50 @@ def violations(name, imported):
     return "upward" if layer(imported) > layer(name) else ""
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=module_name)
-def test_imports_go_downward(path):
-    name = module_name(path)
-    found = [(imported, violations(name, imported)) for imported in imports(path)]
-    assert [f for f in found if f[1]] == []
+def test_imports_go_downward():
+    arrows = [(module_name(path), imported) for path in SOURCES for imported in imports(path)]
+    breaches = [(name, imported, why) for name, imported in arrows if (why := violations(name, imported))]
+    assert breaches == []
+
+
+def test_no_circles():
+    """Imports inside functions and under TYPE_CHECKING count; ``__init__`` files, which only re-export, do not."""
+    modules = {module_name(path) for path in SOURCES if path.name != "__init__.py"}
+    graph = {
+        module_name(path): {found for name in imports(path) if (found := known_module(name, modules))}
+        for path in SOURCES
+        if path.name != "__init__.py"
+    }
+    graphlib.TopologicalSorter(graph).prepare()
+
+
+def test_a_circle_is_seen():
+    with pytest.raises(graphlib.CycleError):
+        graphlib.TopologicalSorter({"a": {"b"}, "b": {"a"}}).prepare()
+
+
+def known_module(name, modules):
+    """The module that an imported name is, or is of; None for a package."""
+    return name if name in modules else parent if (parent := name.rpartition(".")[0]) in modules else None
+
+
+def test_folders_are_small():
+    """At most 14 files, so that a folder is read at one glance."""
+    files = Counter(path.parent for path in SOURCES if path.name != "__init__.py")
+    assert {str(folder.relative_to(ROOT)): n for folder, n in files.items() if n > 14} == {}
 
 
 @pytest.mark.parametrize(
     ("name", "imported"),
     [
-        ("sins_env.imu", "solvers.filters.ckf"),
-        ("sins_env.earth", "sins_env.imu"),
-        ("sins_env.imu", "sins_env.envs.world"),
-        ("sins_env.envs.align", "sins_env.evaluation.metrics"),
-        ("solvers.blocks.moments", "solvers.filters.ckf"),
-        ("solvers.filters.ckf", "solvers.pipeline.aligner"),
-        ("solvers.pipeline.aligner", "sins_env.envs.world"),
-        ("solvers.pipeline.strapdown", "sins_env.imu"),
+        ("sins_env.sensors.imu", "solvers.filters.sigma.ckf"),
+        ("sins_env.earth", "sins_env.sensors.imu"),
+        ("sins_env.sensors.imu", "sins_env.worlds.world"),
+        ("sins_env.envs.environments", "sins_env.evaluation.score.metrics"),
+        ("solvers.blocks.moments", "solvers.filters.sigma.ckf"),
+        ("solvers.filters.sigma.ckf", "solvers.pipeline.estimator"),
+        ("solvers.pipeline.estimator", "sins_env.worlds.world"),
+        ("solvers.pipeline.strapdown", "sins_env.sensors.imu"),
     ],
 )
 def test_the_rule_sees_a_breach(name, imported):
@@ -110,5 +148,5 @@ def test_relative_and_local_imports_are_seen(tmp_path, monkeypatch):
     package = tmp_path / "sins_env" / "envs"
     package.mkdir(parents=True)
     file = package / "x.py"
-    file.write_text("from ..imu import Imu\nfrom . import world\ndef f():\n    import solvers.zoo\n")
-    assert set(imports(file)) == {"sins_env.imu.Imu", "sins_env.envs.world", "solvers.zoo"}
+    file.write_text("from ..sensors.imu import Imu\nfrom . import world\ndef f():\n    import solvers.zoo\n")
+    assert set(imports(file)) == {"sins_env.sensors.imu.Imu", "sins_env.envs.world", "solvers.zoo"}

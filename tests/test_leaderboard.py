@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import pytest
 
 import solvers
-from sins_env.evaluation import tasks
-from sins_env.evaluation.store import Store
+from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.tasks import task as tasks
 
 ROOT = Path(__file__).parents[1]
 
@@ -74,7 +74,7 @@ def brief(benchmarks, monkeypatch):
     monkeypatch.setitem(tasks.TASKS, task.name, task)
     portion = benchmarks.suite.Portion(task.name, 6, ("ckf", "coarse_inertial"))
     monkeypatch.setattr(benchmarks.suite, "SUITE", (portion,))
-    monkeypatch.setattr("sins_env.evaluation.cost.MOST_S", 0.1)
+    monkeypatch.setattr("sins_env.evaluation.speed.cost.MOST_S", 0.1)
     monkeypatch.setattr(benchmarks.suite, "COSTED", (task.name,))
     monkeypatch.setattr(benchmarks.story, "COSTS", dict.fromkeys([task.name], ("brief", ("ckf",))))
     monkeypatch.setattr(benchmarks.story, "TIMES", dict.fromkeys([task.name], ("brief", ("ckf", "coarse_inertial"))))

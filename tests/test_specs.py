@@ -10,7 +10,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from sins_env import presets
-from sins_env.specs import GPS_PRESETS, IMU_PRESETS, PRIORS, gps_spec, imu_spec
+from sins_env.prior import PRIORS
+from sins_env.specs import GPS_PRESETS, IMU_PRESETS, gps_spec, imu_spec
 
 SPREAD = (1.0, 1.0, 15.0)
 

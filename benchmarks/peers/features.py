@@ -48,7 +48,7 @@ FEATURES = (
             "PSINS": yes("base/kf/ukf.m"),
             "kalman-py": yes("kalman_py/ukf.py"),
             "dynamax": yes("dynamax/nonlinear_gaussian_ssm/inference_ukf.py"),
-            "sins_env": yes("solvers/filters/ukf.py"),
+            "sins_env": yes("solvers/filters/sigma/ukf.py"),
         },
     ),
     Feature(
@@ -60,7 +60,7 @@ FEATURES = (
             "PSINS": yes("base/kf/ckf.m"),
             # UKFIntegrals(1, 0, 0)
             "dynamax": Mark("as a UKF", "dynamax/generalized_gaussian_ssm/inference.py"),
-            "sins_env": yes("solvers/filters/ckf.py"),
+            "sins_env": yes("solvers/filters/sigma/ckf.py"),
         },
     ),
     Feature(
@@ -71,7 +71,7 @@ FEATURES = (
             "Stone Soup": Mark("sliding innovation", "stonesoup/updater/slidinginnovation.py"),
             # Sage-Husa, maximum correntropy, Student-t
             "PSINS": Mark("adaptive, robust", "base/kf/akfupdate.m"),
-            "sins_env": yes("solvers/filters/hinf.py"),
+            "sins_env": yes("solvers/filters/hinfinity/hinf.py"),
         },
     ),
     Feature(
@@ -82,7 +82,7 @@ FEATURES = (
             "PSINS": yes("base/kf/pfupdate.m"),
             # Rao-Blackwellised, of switching linear models
             "dynamax": Mark("switching linear", "dynamax/slds/inference.py"),
-            "sins_env": yes("solvers/filters/pf.py"),
+            "sins_env": yes("solvers/filters/particles/pf.py"),
         },
     ),
     Feature(
@@ -106,7 +106,7 @@ FEATURES = (
         {
             "pyins": yes("pyins/filters.py"),
             "PSINS": yes("base/kf/sinsgps.m"),
-            "sins_env": yes("solvers/pipeline/navigator.py"),
+            "sins_env": yes("solvers/pipeline/estimator.py"),
         },
     ),
     Feature(
@@ -115,7 +115,7 @@ FEATURES = (
     ),
     Feature(
         "large misalignment",
-        {"PSINS": yes("demos/test_align_ukf.m"), "sins_env": yes("solvers/pipeline/error_state.py")},
+        {"PSINS": yes("demos/test_align_ukf.m"), "sins_env": yes("solvers/pipeline/errors/alignment.py")},
     ),
     Feature(
         "simulated motion, IMU",
@@ -123,10 +123,10 @@ FEATURES = (
             "Stone Soup": Mark("motion", "stonesoup/simulator/simple.py"),
             "pyins": yes("pyins/sim.py"),
             "PSINS": yes("base/base1/trjsimu.m"),
-            "sins_env": yes("sins_env/imu.py"),
+            "sins_env": yes("sins_env/sensors/imu.py"),
         },
     ),
-    Feature("Gymnasium environment", {"sins_env": yes("sins_env/envs/align.py")}),
+    Feature("Gymnasium environment", {"sins_env": yes("sins_env/envs/environments.py")}),
     Feature(
         "many runs at once",
         {
@@ -146,10 +146,10 @@ FEATURES = (
         "Cramer-Rao bound",
         {
             "Stone Soup": yes("stonesoup/metricgenerator/pcrbmetric.py"),
-            "sins_env": yes("sins_env/evaluation/bounds.py"),
+            "sins_env": yes("sins_env/evaluation/bound/bounds.py"),
         },
     ),
-    Feature("ranking with intervals", {"sins_env": yes("sins_env/evaluation/ranking.py")}),
+    Feature("ranking with intervals", {"sins_env": yes("sins_env/evaluation/score/ranking.py")}),
 )
 
 

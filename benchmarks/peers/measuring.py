@@ -27,7 +27,7 @@ from peers import flight, ours
 from peers.contest import Entry
 from peers.environment import PEERS
 from peers.problem import Problem, record
-from sins_env.memory import keep_freed_memory
+from sins_env.evaluation.estimators.memory import keep_freed_memory
 from solvers.types import Gaussian
 
 TASK = "sway-white-v0"

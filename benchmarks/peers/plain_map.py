@@ -1,6 +1,6 @@
 """The epoch map of the ten errors in plain numbers: for packages that hand over one state at a time, and for JAX.
 
-:class:`solvers.pipeline.error_state.AlignmentMap` works on planes of components in NumPy, in place. Here the same map is
+:class:`solvers.pipeline.errors.alignment.AlignmentMap` works on planes of components in NumPy, in place. Here the same map is
 written component by component, so that floats (``math``) and JAX tracers (``jax.numpy``) go through it alike.
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.pipeline.epoch_map import ACCEL_UNIT, GYRO_UNIT
+from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT
 from solvers.pipeline.strapdown import EpochMotion
 
 Array = NDArray[np.float64]

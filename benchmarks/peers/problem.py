@@ -16,11 +16,11 @@ from costs import Recorder
 from numpy.typing import NDArray
 
 from peers.plain_map import coefficients, plain
-from sins_env.evaluation.tasks import get_task
-from sins_env.evaluation.timing import Probe
+from sins_env.evaluation.speed.timing import Probe
+from sins_env.evaluation.tasks.task import get_task
 from solvers.blocks.moments import tangent
-from solvers.pipeline.aligner import Aligner
-from solvers.pipeline.error_state import AlignmentErrors
+from solvers.pipeline.errors.alignment import AlignmentErrors
+from solvers.pipeline.estimator import Aligner
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Function, Gaussian, Transition
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import gymnasium
 
 _ENTRY_POINTS = {
-    "SINS/AlignSway-v0": "sins_env.envs.align:AlignSway",
-    "SINS/AlignStatic-v0": "sins_env.envs.align:AlignStatic",
-    "SINS/AlignVehicle-v0": "sins_env.envs.vehicle:AlignVehicle",
-    "SINS/NavFlight-v0": "sins_env.envs.flight:NavFlight",
-    "SINS/Replay-v0": "sins_env.envs.replay:Replay",
+    "SINS/AlignSway-v0": "sins_env.envs.environments:AlignSway",
+    "SINS/AlignStatic-v0": "sins_env.envs.environments:AlignStatic",
+    "SINS/AlignVehicle-v0": "sins_env.envs.environments:AlignVehicle",
+    "SINS/NavFlight-v0": "sins_env.envs.environments:NavFlight",
+    "SINS/Replay-v0": "sins_env.envs.environments:Replay",
 }
 ENV_IDS = tuple(_ENTRY_POINTS)
 

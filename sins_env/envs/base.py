@@ -13,13 +13,13 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from sins_env import checks
-from sins_env.envs.episode import Episode, Obs
+from sins_env.arrays import Array, Obs
+from sins_env.envs.episode import Episode
 from sins_env.envs.rendering import Renderer
 from sins_env.envs.spaces import action_space, observation_space
-from sins_env.envs.world import World
 from sins_env.types import Task
+from sins_env.worlds.world import World
 
-Array = NDArray[np.float64]
 RENDER_MODES = ("rgb_array",)
 
 
@@ -54,14 +54,25 @@ def _check_action(action: Any, space: gymnasium.Space[Any], navigate: bool) -> A
 
 
 class EpisodeEnv(gymnasium.Env[Obs, Array]):
-    """One episode; ``world`` makes its world from the keyword arguments."""
+    """One episode. The keyword arguments are the fields of ``settings``, from which ``world`` makes the world."""
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # type: ignore[misc]
+    env_id: ClassVar[str]
+    settings: ClassVar[type]
     world: Callable[..., World]
+
+    @classmethod
+    def make_world(cls, settings: dict[str, Any]) -> World:
+        """The world of these keyword arguments.
+
+        Raises:
+            ValueError: an unknown keyword, with the nearest that exists, or a value that is not allowed.
+        """
+        return cls.world(checks.build(cls.settings, settings, cls.env_id))
 
     def __init__(self, render_mode: str | None = None, *, reveal_truth: bool = False, **settings: Any) -> None:
         self.render_mode = _check_render_mode(render_mode)
-        self.episode = Episode(type(self).world(**settings), reveal_truth)
+        self.episode = Episode(self.make_world(settings), reveal_truth)
         self.observation_space = observation_space(self.task.n_sub)  # type: ignore[assignment]  # spaces are invariant
         self.action_space = action_space(self.task.navigate)  # type: ignore[assignment]
         self._renderer = Renderer(self.task) if render_mode else None
@@ -99,14 +110,14 @@ class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
         "render_fps": 10,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
-    world: Callable[..., World]
+    single: ClassVar[type[EpisodeEnv]]
 
     def __init__(
         self, num_envs: int = 1, render_mode: str | None = None, *, reveal_truth: bool = False, **settings: Any
     ) -> None:
         self.num_envs = checks.whole("num_envs", num_envs, "at least 1", least=1)
         self.render_mode = _check_render_mode(render_mode)
-        self.episode = Episode(type(self).world(**settings), reveal_truth)
+        self.episode = Episode(self.single.make_world(settings), reveal_truth)
         self.single_observation_space = observation_space(self.task.n_sub)
         self.single_action_space = action_space(self.task.navigate)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

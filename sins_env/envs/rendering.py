@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import attitude, earth
-from sins_env.specs import ARCSEC, DEG_PER_H, UG
+from sins_env.arrays import Array
 from sins_env.types import Task
-
-Array = NDArray[np.float64]
+from sins_env.units import ARCSEC, DEG_PER_H, UG
 
 _COLORS = ("tab:green", "tab:olive", "tab:blue")  #: of E, N, U
 

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from gymnasium import spaces
 
-MAX_ANGLE, MAX_SPEED, MAX_HEIGHT, MAX_TIME = 2 * math.pi, 1e4, 1e5, 1e7
-
-_POS_LOW = np.array([-math.pi / 2, -math.pi, -1e3])
-_POS_HIGH = np.array([math.pi / 2, math.pi, MAX_HEIGHT])
+from sins_env.worlds.limits import MAX_ANGLE, MAX_SPEED, MAX_TIME, POS_HIGH, POS_LOW
 
 
 def observation_space(n_sub: int) -> spaces.Dict:
@@ -25,16 +20,10 @@ def observation_space(n_sub: int) -> spaces.Dict:
             "dtheta": box(MAX_ANGLE, (n_sub, 3)),
             "dvel": box(MAX_SPEED, (n_sub, 3)),
             "gps_vel": box(MAX_SPEED, (3,)),
-            "gps_pos": spaces.Box(_POS_LOW, _POS_HIGH, dtype=np.float64),
+            "gps_pos": spaces.Box(POS_LOW, POS_HIGH, dtype=np.float64),
             "gps_valid": spaces.Box(0, 1, (1,), np.int8),
         }
     )
-
-
-def clip_fix(vel: np.ndarray, pos: np.ndarray) -> None:
-    """Keep heavy-tailed fixes inside the space, in place."""
-    np.clip(vel, -MAX_SPEED, MAX_SPEED, out=vel)
-    np.clip(pos, _POS_LOW, _POS_HIGH, out=pos)
 
 
 def attitude_action_space() -> spaces.Box:
@@ -44,8 +33,8 @@ def attitude_action_space() -> spaces.Box:
 
 def navigation_action_space() -> spaces.Box:
     """q_nb, which the environment normalises, v_n m/s, latitude rad, longitude rad, height m."""
-    low = np.concatenate([np.full(4, -1.0), np.full(3, -MAX_SPEED), _POS_LOW])
-    high = np.concatenate([np.full(4, 1.0), np.full(3, MAX_SPEED), _POS_HIGH])
+    low = np.concatenate([np.full(4, -1.0), np.full(3, -MAX_SPEED), POS_LOW])
+    high = np.concatenate([np.full(4, 1.0), np.full(3, MAX_SPEED), POS_HIGH])
     return spaces.Box(low, high, dtype=np.float64)
 
 

@@ -4,14 +4,16 @@ An estimator is seen only through its protocol: it gets observations and the pub
 name through the entry-point group ``sins_env.estimators`` or as ``package.module:Factory``.
 """
 
-from sins_env.evaluation.bounds import Bound
-from sins_env.evaluation.check import Check, check_estimator
-from sins_env.evaluation.episode import Course, run_episode
-from sins_env.evaluation.metrics import Summary
-from sins_env.evaluation.monte_carlo import Results, evaluate
-from sins_env.evaluation.paired import Comparison, compare
-from sins_env.evaluation.records import Records
-from sins_env.evaluation.tasks import TASKS, EvaluationTask, digest, get_task
+from sins_env.evaluation.bound.bounds import Bound
+from sins_env.evaluation.estimators.contract import Check, check_estimator
+from sins_env.evaluation.monte_carlo import evaluate
+from sins_env.evaluation.play.one_run import Course, run_episode
+from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.score.metrics import Summary
+from sins_env.evaluation.score.paired import Comparison, compare
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.tasks.fingerprint import digest
+from sins_env.evaluation.tasks.task import TASKS, EvaluationTask, get_task
 
 __all__ = [
     "TASKS",

@@ -5,92 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any
 
-from sins_env.evaluation import registry
-from sins_env.evaluation.bounds import Bound
-from sins_env.evaluation.cost import Cost, measure_cost
-from sins_env.evaluation.episode import Job, lost_records
-from sins_env.evaluation.executors import Processes, Runner, runner
-from sins_env.evaluation.isolation import check_timeout
-from sins_env.evaluation.metrics import Summary, below_bound, bound_ratio, summarise_all
-from sins_env.evaluation.navigation import bound_means
-from sins_env.evaluation.records import Records
-from sins_env.evaluation.repeatability import Repeatability, repeatability
-from sins_env.evaluation.tasks import EvaluationTask, get_task, run_numbers, suite_hash
+from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.estimators.isolation import check_timeout
+from sins_env.evaluation.play.executors import Runner, runner
+from sins_env.evaluation.play.playing import Job, lost_records
+from sins_env.evaluation.play.pool import Processes
+from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.score.results import Results, summarise
+from sins_env.evaluation.speed.cost import Cost, measure_cost
+from sins_env.evaluation.tasks.task import EvaluationTask, get_task, run_numbers, suite_hash
 
 #: simulated seconds done, and in all, summed over runs
 Report = Callable[[float, float], None]
 
 CHUNK_LEAST, CHUNK_MOST = 64, 256
 DIED = "its worker process died twice (out of memory, or a crash)"
-
-
-@dataclass(frozen=True)
-class Results:
-    """What an evaluation gave: one solver, one task, one suite."""
-
-    task: EvaluationTask
-    solver: str
-    settings: Mapping[str, Any]
-    suite: str  #: hash of the suite seed
-    records: Records
-    cost: Cost | None = None
-    stored_bound: Bound | Literal["ask"] | None = "ask"  #: of the task, from a results file; "ask": ask the task
-
-    @cached_property
-    def summary(self) -> Summary:
-        """Scores over the runs, with intervals."""
-        return summarise_all([self.records])[0]
-
-    @cached_property
-    def bound(self) -> Bound | None:
-        """Of the task; None where there is none, or where these scores are of other epochs than the task's."""
-        if not self.records.criteria.scored:
-            return None
-        found = self.task.bound() if self.stored_bound == "ask" else self.stored_bound
-        return found if found and found.fits(self.records.criteria) else None
-
-    @cached_property
-    def bound_ratio(self) -> dict[str, float]:
-        """RMS over the bound by axis; NaN without one."""
-        return bound_ratio(self.records, self.bound) if self.bound else dict.fromkeys("ENU", math.nan)
-
-    @cached_property
-    def bound_means(self) -> dict[str, float]:
-        """The bound of each ARMSE of a navigation task, by name (quantities.py); empty without a bound."""
-        return bound_means(self.records, self.bound) if self.bound and self.records.criteria.navigates else {}
-
-    @cached_property
-    def repeatability(self) -> list[Repeatability]:
-        """Standard deviation of the heading's error at each heading of the task, and last of all together."""
-        return repeatability(self.records, self.task)
-
-    @cached_property
-    def below_bound(self) -> bool | None:
-        """Whether the solver is better than the bound allows; None: no verdict."""
-        return below_bound(self.records, self.bound) if self.bound else None
-
-    @property
-    def label(self) -> str:
-        """The solver with its settings, as tables and figures show it."""
-        given = ", ".join(f"{name}={value}" for name, value in sorted(self.settings.items()))
-        return f"{self.solver} ({given})" if given else self.solver
-
-    def __str__(self) -> str:
-        from sins_env.evaluation.board import as_markdown
-
-        return as_markdown([self])
-
-
-def summarise(results: Sequence[Results]) -> None:
-    """Work out the summaries that are not known yet, all at once: several times faster than one after the other."""
-    todo = [one for one in results if "summary" not in vars(one)]
-    for one, summary in zip(todo, summarise_all([one.records for one in todo]), strict=True):
-        vars(one)["summary"] = summary  # where cached_property keeps it
 
 
 def chunks(runs: Sequence[int], size: int | None = None) -> list[tuple[int, ...]]:
@@ -109,7 +41,7 @@ def chunks(runs: Sequence[int], size: int | None = None) -> list[tuple[int, ...]
 
 def evaluate(
     task: str | EvaluationTask,
-    solver: registry.Solver,
+    solver: finding.Solver,
     runs: int | Iterable[int],
     seed: int | None = None,
     *,
@@ -148,7 +80,7 @@ def evaluate(
     wanted = run_numbers(runs)
     task.check_runs(wanted[-1] + 1)
     given = dict(settings or {})
-    registry.make(solver, given)
+    finding.make(solver, given)
     epoch, total = extent(task, len(wanted))
     check_timeout(epoch_timeout_s)
     jobs = [Job(task, solver, part, given, seed, epoch_timeout_s) for part in chunks(wanted, chunk)]
@@ -164,7 +96,7 @@ def evaluate(
         report(total, total)
         together = Records.concat(parts)
         measured = _cost(where, jobs[0], together) if cost else None
-    name = registry.solver_name(solver)
+    name = finding.solver_name(solver)
     return Results(task, name, given, suite_hash(task, seed), together, measured)
 
 

@@ -1,6 +1,6 @@
 """Recordings in and out: increments, fixes and reference in the frames of this package, whatever the file's are.
 
-    load("drive.npz")                        one of the NPZ layouts (:mod:`sins_env.recordings.npz`)
+    load("drive.npz")                        one of the NPZ layouts (:mod:`sins_env.recordings.formats.npz`)
     load("Leador-A15.txt")                   KF-GINS text; GNSS and truth as Leador-A15.json names them
     load("lasergyro.imu"), load("x.mat")     PSINS
     load("imu.csv"), load("imu.json")        CSV, with a mapping (:mod:`sins_env.recordings.mapping`)
@@ -14,8 +14,8 @@ the line or sample, what is there and what is allowed. Nothing is resampled unle
 from sins_env.recordings.axes import heading_pitch_roll, to_rfu
 from sins_env.recordings.clock import resample
 from sins_env.recordings.files import DATA_VARIABLE, FORMATS, format_of, left_out, load, save
+from sins_env.recordings.formats.npz import LAYOUTS, Layout
 from sins_env.recordings.interpolation import reference_at
-from sins_env.recordings.npz import LAYOUTS, Layout
 from sins_env.recordings.recording import Displacements, Gap, Gnss, Recording, Reference, first_few, seconds
 from sins_env.recordings.summary import Summary, summarise
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude
+from sins_env.arrays import Array
 from sins_env.checks import refused
-
-Array = NDArray[np.float64]
 
 _UNIT = {"R": (1, 0, 0), "F": (0, 1, 0), "U": (0, 0, 1), "L": (-1, 0, 0), "B": (0, -1, 0), "D": (0, 0, -1)}
 _SIGNED = re.compile(r"([+-][xyz])([+-][xyz])([+-][xyz])")

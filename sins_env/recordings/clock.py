@@ -10,10 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sins_env.arrays import Array
 from sins_env.checks import refused
 from sins_env.recordings.recording import Recording, first_few, frozen, seconds
-
-Array = NDArray[np.float64]
 
 GAP = 1.5  #: samples from one stamp to the next from which on something is missing
 JITTER = 0.2  #: of a sample, by which the sum of two steps may differ from two samples

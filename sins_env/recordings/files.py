@@ -11,12 +11,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sins_env.checks import choice
-from sins_env.errors import unknown
-from sins_env.recordings import csv_files, kfgins, npz, psins
+from sins_env.checks import choice, unknown
+from sins_env.recordings.column_units import check_plausible
+from sins_env.recordings.formats import csv_files, kfgins, npz, psins
 from sins_env.recordings.mapping import Mapping, read_mapping, to_mapping
 from sins_env.recordings.recording import Recording
-from sins_env.recordings.units import check_plausible
 
 DATA_VARIABLE = "SINS_ENV_DATA"
 

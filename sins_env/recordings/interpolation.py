@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude, earth
+from sins_env.arrays import Array
 from sins_env.recordings.recording import Recording
 from sins_env.types import NavState
-
-Array = NDArray[np.float64]
 
 
 def reference_at(recording: Recording, times: Array, within: float = 0.0) -> NavState:

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from sins_env import checks
-from sins_env.errors import build
+from sins_env.checks import build
 from sins_env.recordings.axes import to_rfu
 
 RATES = ("hold", "trapezoid")

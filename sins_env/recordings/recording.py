@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sins_env.arrays import Array
 from sins_env.types import Site
-
-Array = NDArray[np.float64]
 
 LEAST_SATELLITES, MOST_RESIDUAL_M = 6, 0.03  #: of a displacement that can be relied on
 

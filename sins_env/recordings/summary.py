@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude, earth
+from sins_env.arrays import Array
 from sins_env.recordings.axes import heading_pitch_roll
+from sins_env.recordings.column_units import block_means
 from sins_env.recordings.recording import Gap, Recording
-from sins_env.recordings.units import block_means
-
-Array = NDArray[np.float64]
 
 SUB_S, BLOCK_S = 0.1, 1.0  #: rest is judged by the spread of means over 0.1 s within seconds
 REST_FORCE, REST_RATE = 0.05, 0.005  #: m/s^2, rad/s: spread of each axis below which the base rests

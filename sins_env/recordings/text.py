@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sins_env.arrays import Array
 
 _CHUNK = 20_000  #: rows formatted at once
 

@@ -1,6 +1,6 @@
 """Truth: what the base really does. A trajectory yields exact increments and the state at each epoch, in chunks."""
 
-from sins_env.trajectory.base import Motion, Trajectory
+from sins_env.motion import Motion, Trajectory
 from sins_env.trajectory.flight import Flight
 from sins_env.trajectory.plan import FlightPlan
 from sins_env.trajectory.segments import MANOEUVRES, Segment

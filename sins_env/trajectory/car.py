@@ -20,13 +20,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import checks
-from sins_env.errors import build
+from sins_env.arrays import Array
+from sins_env.checks import build
 from sins_env.trajectory.suspension import Input, Shape, blow, burst, step
-
-Array = NDArray[np.float64]
 
 MODES = ("heading", "pitch", "roll", "upper roll", "heave", "surge")  #: rad as attitude.from_euler turns; two in m
 HZ = (3.0, 2.55, 2.2, 5.2, 2.5, 2.0)

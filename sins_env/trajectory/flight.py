@@ -11,14 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude, earth
-from sins_env.trajectory.base import Motion
+from sins_env.arrays import Array
+from sins_env.motion import Motion
 from sins_env.trajectory.plan import FlightPlan, Kinematics
 from sins_env.types import NavState
-
-Array = NDArray[np.float64]
 
 #: Each gains four digits or more on a chunk of 60 km: the radii hardly depend on where one is.
 _ITERATIONS = 4

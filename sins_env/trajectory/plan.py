@@ -17,12 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import checks, earth
-from sins_env.errors import build
-from sins_env.specs import DEG
+from sins_env.arrays import Array
+from sins_env.checks import build
 from sins_env.trajectory.segments import Segment
 from sins_env.types import Site
-
-Array = NDArray[np.float64]
+from sins_env.units import DEG
 
 MAX_PITCH_DEG, MAX_ROLL_DEG = 85.0, 180.0
 MAX_LATITUDE_DEG = (

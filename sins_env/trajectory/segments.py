@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sins_env import checks
-from sins_env.errors import build
+from sins_env.checks import build
 
 #: A manoeuvre is one field of a segment, with the sign that its size gets; a size of either sign where that is 0.
 MANOEUVRES = {

@@ -20,7 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sins_env.arrays import Array
+
 Complex = NDArray[np.complex128]
 
 SPAN_S = 4.0  #: of times that share one table of exp(L t)

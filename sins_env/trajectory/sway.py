@@ -19,14 +19,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude, earth
-from sins_env.specs import DEG, G0
-from sins_env.trajectory.base import Motion
+from sins_env.arrays import Array
+from sins_env.motion import Motion
 from sins_env.types import NavState, Site
-
-Array = NDArray[np.float64]
+from sins_env.units import DEG, G0
 
 _SLOW = 12.0  # rad/s, beyond the sums of the sway's frequencies and their doubles
 

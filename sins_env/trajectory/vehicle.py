@@ -16,17 +16,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude, earth
-from sins_env.specs import DEG
+from sins_env.arrays import Array
+from sins_env.motion import Motion
 from sins_env.trajectory import car
-from sins_env.trajectory.base import Motion
 from sins_env.trajectory.car import Event
 from sins_env.trajectory.suspension import Input, Modes
 from sins_env.types import NavState, Site
-
-Array = NDArray[np.float64]
+from sins_env.units import DEG
 
 _NODES = 2  #: of a sample of 10 ms, or of each 10 ms of a longer one; see the tests for what is left
 _BLOCK = 6_000  #: instants of all runs that exist at once

@@ -14,8 +14,9 @@ from functools import cache
 import numpy as np
 from scipy import stats
 
-from solvers.blocks.square_root import Mask, cholesky, symmetrize
-from solvers.types import Array, Gaussian, Innovation, Moments
+from sins_env.arrays import Array, Mask
+from solvers.blocks.square_root import cholesky, symmetrize
+from solvers.types import Gaussian, Innovation, Moments
 
 
 def gain(predicted: Moments) -> tuple[Array, Array, Mask | None]:

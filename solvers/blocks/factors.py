@@ -13,9 +13,10 @@ from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
+from sins_env.arrays import Array
 from solvers.blocks.moments import draw
 from solvers.blocks.sigma_rules import PointRule, Points, Unscented, points
-from solvers.types import Array, Function, Linear
+from solvers.types import Function, Linear
 
 
 class Factors(NamedTuple):

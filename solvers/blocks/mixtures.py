@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from sins_env.arrays import Array
 from solvers.blocks.square_root import symmetrize
-from solvers.types import Array, Function, Gaussian, Linear, Measurement, Transition
+from solvers.types import Function, Gaussian, Linear, Measurement, Transition
 
 LOG_FLOOR = -700.0  #: smallest log weight before normalisation, relative to the largest: exp still has it
 

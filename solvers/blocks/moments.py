@@ -11,10 +11,11 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from sins_env.arrays import Array, Mask
 from sins_env.checks import choice, keep
 from solvers.blocks.sigma_rules import PointRule, Points, points
-from solvers.blocks.square_root import ROOTS, Mask, symmetrize
-from solvers.types import Array, Function, Gaussian, Linear, Moments
+from solvers.blocks.square_root import ROOTS, symmetrize
+from solvers.types import Function, Gaussian, Linear, Moments
 
 STEP = 1e-4  #: step of the numerical Jacobian in standard deviations
 RELATIVE_STEP = float(np.finfo(float).eps) ** (1 / 3)  #: its smallest step, relative to the state

@@ -18,9 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sins_env.arrays import Array, Mask
 from solvers.blocks.conditioning import gate_limit, nis
-from solvers.blocks.square_root import Mask, finite_items, symmetrize
-from solvers.types import Array, Gaussian, Innovation
+from solvers.blocks.square_root import finite_items, symmetrize
+from solvers.types import Gaussian, Innovation
 
 PROJECTIONS = ("diagonal", "full", "none")
 GUARDS = ("damp", "positive", "none")

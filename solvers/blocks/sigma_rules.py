@@ -14,8 +14,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from sins_env.arrays import Array
 from sins_env.checks import keep, number, refused
-from solvers.types import Array
 
 
 class Points(NamedTuple):

@@ -10,11 +10,9 @@ from collections.abc import Callable
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from solvers.types import Array
+from sins_env.arrays import Array, Mask
 
-Mask = NDArray[np.bool_]
 Root = Callable[[Array], tuple[Array, Mask | None]]
 
 FLOOR = 1e-12  #: smallest eigenvalue of a repaired correlation matrix, relative to its largest

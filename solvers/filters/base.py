@@ -15,8 +15,8 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar, cast
 
 import numpy as np
 
-from solvers.blocks.square_root import Mask
-from solvers.types import MISSING, Array, Function, Gaussian, Health, Innovation, Measurement, Transition
+from sins_env.arrays import Array, Mask
+from solvers.types import MISSING, Function, Gaussian, Health, Innovation, Measurement, Transition
 
 
 class AnyBelief(Protocol):

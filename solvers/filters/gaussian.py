@@ -12,11 +12,12 @@ from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
+from sins_env.arrays import Array
 from solvers.blocks.conditioning import condition
 from solvers.blocks.moments import MomentRule, moments, transform
 from solvers.blocks.square_root import symmetrize
 from solvers.filters.base import BatchFilter, count, initial_gaussian, initial_health
-from solvers.types import Array, Function, Gaussian, Health, Innovation, Measurement, Transition
+from solvers.types import Function, Gaussian, Health, Innovation, Measurement, Transition
 
 
 class Belief(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from sins_env.errors import build, unknown
+from sins_env.checks import build, unknown
 from solvers.types import Filter
 
 F = TypeVar("F", bound=type)

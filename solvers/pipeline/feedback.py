@@ -7,12 +7,10 @@ C_w(phi')^-1 C(phi_hat)' C_w(phi).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude
+from sins_env.arrays import Array
 from solvers.types import Function
-
-Array = NDArray[np.float64]
 
 
 def corrected(q_nb: Array, phi: Array) -> Array:

@@ -1,6 +1,6 @@
 """An INS held by fixes: strapdown, an error model and any filter of the zoo, after coarse alignment where the start is unknown.
 
-What alignment and navigation share; :mod:`solvers.pipeline.aligner` and :mod:`solvers.pipeline.navigator` say which errors
+What alignment and navigation share; :mod:`solvers.pipeline.estimator` and :mod:`solvers.pipeline.estimator` say which errors
 there are, what becomes of the position, and what is the answer.
 """
 
@@ -13,17 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import attitude, earth
-from sins_env.errors import unknown
-from sins_env.specs import GpsSpec
+from sins_env.arrays import Array
+from sins_env.checks import unknown
 from sins_env.types import NavState, Observation, Rng, Task
 from solvers.pipeline import coarse as coarse_methods
 from solvers.pipeline import feedback as reset
-from solvers.pipeline.epoch_map import ErrorModel
-from solvers.pipeline.invariant import COORDINATES, Euler, Invariant
+from solvers.pipeline.aiding.gps import noise_law
+from solvers.pipeline.errors.invariant import COORDINATES, Euler, Invariant
+from solvers.pipeline.errors.model import ErrorModel
 from solvers.pipeline.strapdown import Strapdown, StrapdownState, cross, end_rate
-from solvers.types import MISSING, Filter, Health, Measurement, NoiseLaw
-
-Array = NDArray[np.float64]
+from solvers.types import MISSING, Filter, Health, Measurement
 
 FEEDBACK = ("open", "closed")
 
@@ -32,9 +31,9 @@ class Integration(ABC):
     """The estimator around a filter. A told start goes straight to the fine phase; an unknown one begins with the coarse.
 
     ``feedback``: "open" corrects the output alone, "closed" the INS after each fix; None: closed for a filter that says so.
-    ``coordinates``: of the errors that the filter estimates, "euler" or "invariant" (:mod:`solvers.pipeline.invariant`); None: as
-    the filter says, else "euler". ``coarse`` is the method of the coarse phase (:mod:`solvers.pipeline.coarse`); None: the
-    one of this estimator.
+    ``coordinates``: of the errors that the filter estimates, "euler" or "invariant"
+    (:mod:`solvers.pipeline.errors.invariant`); None: as the filter says, else "euler". ``coarse`` is the method of the
+    coarse phase (:mod:`solvers.pipeline.coarse`); None: the one of this estimator.
 
     Raises:
         ValueError: an unknown setting.
@@ -226,10 +225,3 @@ def refuse_navigation(task: Task, what: str) -> None:
         raise ValueError(
             f"{what} gives the attitude alone; {task.id} navigates: allowed are the solvers made of a filter"
         )
-
-
-def noise_law(gps: GpsSpec) -> NoiseLaw | None:
-    """The law of the fixes' errors that the task tells; None: Gaussian."""
-    if not (gps.contamination or gps.heavy_tail_dof):
-        return None
-    return NoiseLaw(gps.contamination, gps.contamination_factor, gps.heavy_tail_dof)

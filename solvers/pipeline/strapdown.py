@@ -13,13 +13,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude, earth
+from sins_env.arrays import Array
 from sins_env.earth import Earth
 from sins_env.types import NavState
-
-Array = NDArray[np.float64]
 
 #: k_ij (i < j) of the coning sum of k_ij dtheta_i x dtheta_j, by samples per interval. (2.2.17); sculling is its dual, with
 #: the printed 27/20 of (2.2.33) corrected to 27/40 (erratum 6). One sample: the previous one is carried over.

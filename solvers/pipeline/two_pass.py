@@ -18,15 +18,14 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from solvers.filters.ckf import CKF
-from solvers.filters.kf import KF
-from solvers.pipeline.aligner import Aligner
-from solvers.pipeline.error_state import PHI
+from sins_env.arrays import Array
+from solvers.filters.kalman.kf import KF
+from solvers.filters.sigma.ckf import CKF
+from solvers.pipeline.errors.alignment import PHI
+from solvers.pipeline.estimator import Aligner
 from solvers.types import Filter, Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
 
-Array = NDArray[np.float64]
 Epoch = tuple[Transition, Measurement | None]
 
 SHOTS = 2  #: at the start from which the errors come to the estimate; each takes a tenth of what is left

@@ -9,8 +9,8 @@ from oracles.courses import actions_of, leaves, play
 
 import solvers
 from sins_env import attitude, earth
-from sins_env.specs import DEG_PER_H, UG
-from sins_env.trajectory.profiles import PROFILES
+from sins_env.units import DEG_PER_H, UG
+from sins_env.worlds.profiles import PROFILES
 
 FLIGHT = "SINS/NavFlight-v0"
 OWN = {"latitude_deg": 50.0, "longitude_deg": 8.0, "speed_mps": 60.0, "segments": [["cruise", 2], ["turn", 3, 4.0]]}

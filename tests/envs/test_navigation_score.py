@@ -12,10 +12,10 @@ from oracles.courses import make
 
 from sins_env import attitude, earth
 from sins_env.envs.base import EpisodeEnv, EpisodeVectorEnv
-from sins_env.envs.episode import WORST_PHI, WORST_POS, WORST_VEL, score_navigation
+from sins_env.envs.reward import WORST_PHI, WORST_POS, WORST_VEL, score_navigation
 from sins_env.envs.spaces import navigation_action_space
-from sins_env.envs.world import EpochData
 from sins_env.types import NavState
+from sins_env.worlds.world import EpochData
 
 WGS84 = earth.EARTHS["wgs84"]
 PLACE = np.array([np.radians(52.0), np.radians(179.9999), 300.0])
@@ -44,12 +44,19 @@ class Fixed:
         return EpochData(increments, increments, zeros, zeros, np.zeros((self.runs, 1), np.int8), self._truth())
 
 
+@dataclasses.dataclass(frozen=True)
+class FixedSettings:
+    scored: bool = True
+
+
 class FixedEnv(EpisodeEnv):
-    world = Fixed
+    env_id = "SINS/Fixed-v0"
+    settings = FixedSettings
+    world = staticmethod(lambda settings: Fixed(settings.scored))
 
 
 class FixedVectorEnv(EpisodeVectorEnv):
-    world = Fixed
+    single = FixedEnv
 
 
 def action(phi=(0, 0, 0), vel=(0, 0, 0), pos=(0, 0, 0), scale=1.0):

@@ -4,10 +4,10 @@ import dataclasses
 
 import pytest
 
-from sins_env.evaluation import tasks
-from sins_env.evaluation.cli import main
+from sins_env.cli.main import main
+from sins_env.evaluation.tasks import task
 
-_WHITE = tasks.get_task("sway-white-v0")
+_WHITE = task.get_task("sway-white-v0")
 SHORT = dataclasses.replace(
     _WHITE, name="short-v0", what="short", kwargs={**_WHITE.kwargs, "duration": 20.0}, hold_s=5.0
 )
@@ -24,7 +24,7 @@ def _own_cache(tmp_path_factory):
 @pytest.fixture
 def short(monkeypatch):
     """Registered under its name for the time of a test."""
-    monkeypatch.setitem(tasks.TASKS, SHORT.name, SHORT)
+    monkeypatch.setitem(task.TASKS, SHORT.name, SHORT)
     return SHORT
 
 

@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from sins_env.evaluation import board, plots, ranking, terminal, words
-from sins_env.evaluation.consistency import Nees, nees_band
-from sins_env.evaluation.cost import Cost
-from sins_env.evaluation.criteria import Criteria
-from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.outcome import save_figure
-from sins_env.evaluation.scoring import score
-from sins_env.evaluation.tasks import get_task
-from sins_env.specs import ARCSEC
+from sins_env.cli.output import save_figure
+from sins_env.evaluation.play.criteria import Criteria
+from sins_env.evaluation.play.scoring import score
+from sins_env.evaluation.score import ranking
+from sins_env.evaluation.score.consistency import Nees, nees_band
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.show import columns, error_figure, numbers, plain_tables, terminal_tables
+from sins_env.evaluation.speed.cost import Cost
+from sins_env.evaluation.tasks.task import get_task
+from sins_env.units import ARCSEC
 
 TASK = get_task("sway-white-v0")
 CRITERIA = Criteria(0.1, 1000, 0, TASK.delta, np.ones(3), 60.0)
@@ -49,7 +50,7 @@ def test_ranks_tie_where_pairs_cannot_be_told_apart():
 
 
 def test_json_has_exactly_the_keys():
-    entries = json.loads(board.as_json([results("ckf", 800, gain=2), results("bad", 4e5, runs=1)]))
+    entries = json.loads(plain_tables.as_json([results("ckf", 800, gain=2), results("bad", 4e5, runs=1)]))
     for entry in entries:
         assert list(entry) == KEYS
         assert list(entry["rms"]) == list(entry["rms_ci"]) == ["E", "N", "U"]
@@ -65,12 +66,12 @@ def test_json_has_exactly_the_keys():
 def test_every_form_says_the_same():
     one = results("ckf", 800)
     s = one.summary
-    (row,) = csv.DictReader(io.StringIO(board.as_csv([one])))
+    (row,) = csv.DictReader(io.StringIO(plain_tables.as_csv([one])))
     assert float(row["rms_u_arcsec"]) == s.rms["U"]
     assert float(row["success"]) == s.success
     assert float(row["cost_ratio"]) == 1.25
     assert row["nees_over_3"] == ""
-    for text in (board.as_markdown([one]), text_of(terminal.table([one]))):
+    for text in (plain_tables.as_markdown([one]), text_of(terminal_tables.table([one]))):
         assert f"{s.rms['U']:.0f}" in text
         assert f"{s.rms_ci['U'][0]:.0f}–{s.rms_ci['U'][1]:.0f}" in text
         assert f"{100 * s.success:.0f} %" in text
@@ -83,19 +84,19 @@ def test_failures_and_nees_are_shown():
     records = dataclasses.replace(one.records, status=status, repairs=np.array([3, 0, 1, 0]))
     records = dataclasses.replace(records, nees=np.full((4, 4), 30.0))
     one = dataclasses.replace(one, records=records)
-    assert words.failure_text(one.summary) == "2 diverged, 1 raised, 2 repaired"
+    assert columns.failure_text(one.summary) == "2 diverged, 1 raised, 2 repaired"
     assert one.summary.failures == 4
-    text = text_of(terminal.table([one]))
+    text = text_of(terminal_tables.table([one]))
     for part in ("2 diverged", "1 raised", "2 repaired", "10.0", "worst error"):
         assert part in text
     assert "Fallbacks" not in text
     helped = dataclasses.replace(one, records=dataclasses.replace(records, fallbacks=np.array([0, 0, 3, 4])))
     assert helped.summary.failures == 4
-    assert "replaced the solver's own rule: ckf 1.75." in text_of(terminal.table([helped]))
-    (line,) = csv.DictReader(board.as_csv([helped]).splitlines())
+    assert "replaced the solver's own rule: ckf 1.75." in text_of(terminal_tables.table([helped]))
+    (line,) = csv.DictReader(plain_tables.as_csv([helped]).splitlines())
     assert float(line["fallbacks"]) == 1.75
-    assert "10.0 (outside)" in board.as_markdown([one])
-    assert "NEES" not in text_of(terminal.table([results("ckf", 800)]))
+    assert "10.0 (outside)" in plain_tables.as_markdown([one])
+    assert "NEES" not in text_of(terminal_tables.table([results("ckf", 800)]))
 
 
 def test_table_fits_in_100_columns_with_long_names():
@@ -103,7 +104,7 @@ def test_table_fits_in_100_columns_with_long_names():
         results("package.module.with.a.long.path:AnEstimatorWithALongName", 3e5, horizon=1000.0),
         results("b", 8e4),
     ]
-    text = text_of(terminal.table(found))
+    text = text_of(terminal_tables.table(found))
     assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
     assert "…" not in text
 
@@ -114,23 +115,23 @@ def test_table_fits_in_100_columns_with_long_names():
      (math.inf, "never"), (math.nan, "-"), (99.96, "100.0"), (-32_215_238.0, "-3.22e+07")],
 )  # fmt: skip
 def test_number(value, text):
-    assert words.number(value) == text
+    assert numbers.number(value) == text
 
 
 def test_angle_and_seconds():
-    assert words.angle(7200.0) == "7,200"
-    assert words.angle(68400.0) == "19.0°"
-    assert words.seconds(0.1) == "0.1"
-    assert words.seconds(125.36) == "125"
-    assert words.seconds_interval((100.0, math.inf)) == "100–never"
-    assert words.seconds_interval((math.inf, math.inf)) == ""
+    assert numbers.angle(7200.0) == "7,200"
+    assert numbers.angle(68400.0) == "19.0°"
+    assert numbers.seconds(0.1) == "0.1"
+    assert numbers.seconds(125.36) == "125"
+    assert numbers.seconds_interval((100.0, math.inf)) == "100–never"
+    assert numbers.seconds_interval((math.inf, math.inf)) == ""
 
 
 def test_figures(tmp_path):
     found = [results("a", 800), results("b", 900, runs=1), results("c", 5e4, task=get_task("rlg-car-v0"))]
-    save_figure(plots.error_figure(found), tmp_path / "e.png")
+    save_figure(error_figure.error_figure(found), tmp_path / "e.png")
     assert (tmp_path / "e.png").stat().st_size > 20_000
-    figure = plots.error_figure(found)
+    figure = error_figure.error_figure(found)
     assert len(figure.subfigs) == 2
     labels = [text.get_text() for text in figure.subfigs[0].legends[0].get_texts()]
     assert sorted(labels[:2]) == ["a", "b"]
@@ -143,7 +144,7 @@ def test_nees_bands_of_the_footer_are_those_of_the_lines():
         return dataclasses.replace(one, records=dataclasses.replace(one.records, nees=nees))
 
     none, few, many = results("a", 700, runs=9), results("b", 800, runs=12), results("c", 900)
-    text = text_of(terminal.table([none, with_nees(few, 10), with_nees(many, 50)], 200), 200)
+    text = text_of(terminal_tables.table([none, with_nees(few, 10), with_nees(many, 50)], 200), 200)
     low, high = nees_band(10)
     assert f"95 % band {low / 3:.2f}–{high / 3:.2f} for 10 runs, " in text
     low, high = nees_band(50)
@@ -160,10 +161,10 @@ def test_spread_says_of_how_many_runs():
     assert whole.summary.spread_runs == 7
     assert part.summary.spread_runs == 5  # whatever heading the record of a failed run may hold
     assert part.summary.spread_deg == pytest.approx(math.sqrt(2.5))
-    assert "of 5" in text_of(terminal.table([part], 120), 120)
-    assert "of 5" in board.as_markdown([part])
-    assert "of 7\n" not in board.as_markdown([whole])
-    (row,) = csv.DictReader(io.StringIO(board.as_csv([part])))
+    assert "of 5" in text_of(terminal_tables.table([part], 120), 120)
+    assert "of 5" in plain_tables.as_markdown([part])
+    assert "of 7\n" not in plain_tables.as_markdown([whole])
+    (row,) = csv.DictReader(io.StringIO(plain_tables.as_csv([part])))
     assert row["spread_runs"] == "5"
 
 
@@ -174,12 +175,12 @@ def test_nees_inside():
 
 def test_a_narrow_terminal_gets_no_broken_intervals():
     found = [results(name, 8000, runs=100) for name in ("filterpy_ukf", "ckf")]
-    text = text_of(terminal.table(found, 80), 80)
+    text = text_of(terminal_tables.table(found, 80), 80)
     assert max(len(line.rstrip()) for line in text.splitlines()) <= 80
     low, high = found[0].summary.rms_ci["U"]
     assert f"{low:.0f}–{high:.0f}" in text
     assert f"{found[0].summary.rms_ci['E'][0]:.1f}–" not in text
-    assert f"{found[0].summary.rms_ci['E'][0]:.1f}–" in text_of(terminal.table(found, 100), 100)
+    assert f"{found[0].summary.rms_ci['E'][0]:.1f}–" in text_of(terminal_tables.table(found, 100), 100)
 
 
 RLG = get_task("rlg-car-v0")
@@ -214,14 +215,14 @@ WORDS = {  # what must be found whole, in boards of every width
 @pytest.mark.parametrize("width", [66, 72, 80, 90, 100, 120])
 def test_no_number_and_no_word_is_broken(kind, width):
     found = WORDS[kind]
-    text = text_of(terminal.table(found, width), width)
+    text = text_of(terminal_tables.table(found, width), width)
     lines = text.splitlines()
     assert max(len(line) for line in lines) <= width
     tokens = set(text.split())
     for one in found:
         s = one.summary
-        expected = {words.angle(s.rms["U"]), *words.angle_interval(s.rms_ci["U"]).split(), "model=thesis"}
-        expected |= {words.number(s.spread_deg)} if kind == "rlg" else {"NEES"} & tokens
+        expected = {numbers.angle(s.rms["U"]), *numbers.angle_interval(s.rms_ci["U"]).split(), "model=thesis"}
+        expected |= {numbers.number(s.spread_deg)} if kind == "rlg" else {"NEES"} & tokens
         assert expected <= tokens, (expected - tokens, text)
         assert one.solver.rpartition(":")[2] in tokens
     if width >= 80:
@@ -237,6 +238,6 @@ def test_no_number_and_no_word_is_broken(kind, width):
 
 def test_names_fold_at_dots_and_colons_only():
     one = results("package.module.with.a.long.path:AnEstimatorWithALongName", 3e5)
-    text = terminal._label(one, 1, 24).plain.splitlines()
+    text = terminal_tables._label(one, 1, 24).plain.splitlines()
     assert text == ["AnEstimatorWithALongName", "package.module.with.a.", "long.path"]
-    assert terminal._longest(one) == 24
+    assert terminal_tables._longest(one) == 24

@@ -13,23 +13,14 @@ import pytest
 from rich.console import Console
 from scipy import stats
 
-from sins_env.evaluation import (
-    board,
-    bounds,
-    cache,
-    evaluate,
-    get_task,
-    metrics,
-    paired,
-    plots,
-    run_episode,
-    terminal,
-    words,
-)
-from sins_env.evaluation.criteria import Criteria
-from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.scoring import score
-from sins_env.specs import ARCSEC
+from sins_env.evaluation import evaluate, get_task, run_episode
+from sins_env.evaluation.bound import bounds, cache
+from sins_env.evaluation.play.criteria import Criteria
+from sins_env.evaluation.play.scoring import score
+from sins_env.evaluation.score import metrics, paired
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.show import columns, error_figure, footer, numbers, plain_tables, run_figure, terminal_tables
+from sins_env.units import ARCSEC
 
 TASK = get_task("sway-white-v0")
 
@@ -57,10 +48,10 @@ def same(a, b):
 
 
 def test_a_bound_is_computed_once_and_kept(short, computed, monkeypatch, tmp_path):
-    first = short.bound()
-    assert short.bound() is first
+    first = bounds.find(short)
+    assert bounds.find(short) is first
     another_process(monkeypatch)
-    again = short.bound()
+    again = bounds.find(short)
     assert again is not first
     assert same(again, first)
     assert computed == ["short-v0"]
@@ -71,22 +62,22 @@ def test_a_bound_is_computed_once_and_kept(short, computed, monkeypatch, tmp_pat
     "change", [{"duration": 21.0}, {"gps": {"vel_std_mps": 0.09}}, {"gps": {"outages_s": [[15, 18]]}}]
 )
 def test_another_task_is_another_bound(short, computed, change):
-    short.bound()
-    dataclasses.replace(short, kwargs={**short.kwargs, **change}).bound()
+    bounds.find(short)
+    bounds.find(dataclasses.replace(short, kwargs={**short.kwargs, **change}))
     assert len(computed) == 2
 
 
 def test_another_world_is_another_bound(short, computed, monkeypatch):
-    short.bound()
+    bounds.find(short)
     another_process(monkeypatch)
     monkeypatch.setattr(bounds, "digest", lambda task: "another")
-    short.bound()
+    bounds.find(short)
     assert len(computed) == 2
 
 
 @pytest.mark.parametrize("damage", ["cut", "empty", "text", "other arrays", "flipped"])
 def test_a_damaged_file_is_made_anew(short, computed, monkeypatch, tmp_path, damage):
-    good = short.bound()
+    good = bounds.find(short)
     (file,) = (tmp_path / "sins_env").iterdir()
     content = file.read_bytes()
     flipped = bytearray(content)
@@ -96,19 +87,19 @@ def test_a_damaged_file_is_made_anew(short, computed, monkeypatch, tmp_path, dam
     bad = {"cut": content[: len(content) // 2], "empty": b"", "text": b"not an archive", "flipped": bytes(flipped)}
     file.write_bytes({**bad, "other arrays": other.getvalue()}[damage])
     another_process(monkeypatch)
-    assert same(short.bound(), good)
+    assert same(bounds.find(short), good)
     assert len(computed) == 2
     another_process(monkeypatch)
-    assert same(short.bound(), good)
+    assert same(bounds.find(short), good)
     assert len(computed) == 2
 
 
 def test_without_a_directory_to_write_nothing_is_kept(short, computed, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("no directory")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    assert short.bound() is not None
+    assert bounds.find(short) is not None
     another_process(monkeypatch)
-    assert short.bound() is not None
+    assert bounds.find(short) is not None
     assert len(computed) == 2
 
 
@@ -167,16 +158,16 @@ def results(name, factor, task=TASK, runs=50, seed=0):
     env = task.make(1)
     criteria = Criteria.of(task, env.unwrapped.task)
     rng = np.random.default_rng(seed)
-    phi = factor * rng.standard_normal((runs, 1, 3)) * task.bound().final * np.ones((1, criteria.num_epochs, 1))
+    phi = factor * rng.standard_normal((runs, 1, 3)) * bounds.find(task).final * np.ones((1, criteria.num_epochs, 1))
     return Results(task, name, {}, "suite", score(phi, None, criteria))
 
 
 def test_ratio_of_errors_at_the_bound():
     """RMS over the steady state, so 753 against 799 arcsec where the error stays at its value of T."""
     one = results("a", 1.0, runs=400)
-    expected = TASK.bound().final / TASK.bound().steady
+    expected = bounds.find(TASK).final / bounds.find(TASK).steady
     np.testing.assert_allclose(list(one.bound_ratio.values()), expected, rtol=0.14)  # 4 standard errors
-    assert one.bound_ratio["U"] == pytest.approx(one.summary.rms["U"] * ARCSEC / TASK.bound().steady[2])
+    assert one.bound_ratio["U"] == pytest.approx(one.summary.rms["U"] * ARCSEC / bounds.find(TASK).steady[2])
     assert one.below_bound is False
     assert results("a", 0.8, runs=400).below_bound is True
     assert results("a", 0.8, runs=20).below_bound is False  # so few tell nothing
@@ -184,7 +175,7 @@ def test_ratio_of_errors_at_the_bound():
 
 def test_the_verdict_errs_once_in_a_thousand_times():
     """Of 20,000 estimators at the bound; and of those 20 % below it nearly all are found."""
-    bound = TASK.bound()
+    bound = bounds.find(TASK)
     rng = np.random.default_rng(1)
     final = rng.standard_normal((20_000, 200)) * bound.final[2]
     blank = results("a", 1.0, runs=200).records
@@ -202,9 +193,9 @@ def test_no_verdict_on_a_reference():
     one = results("a", 1e-3, task=get_task("sway-anyheading-v0"))
     assert one.below_bound is None
     assert one.bound_ratio["U"] < 2e-3
-    assert words.bound_text(one) == (f"({words.number(one.bound_ratio['U'])})", None)
-    assert "only a reference here" in words.footer([one])
-    assert "leak" not in words.footer([one])
+    assert columns.bound_text(one) == (f"({numbers.number(one.bound_ratio['U'])})", None)
+    assert "only a reference here" in footer.footer([one])
+    assert "leak" not in footer.footer([one])
 
 
 def test_no_ratio_without_a_bound_or_over_other_epochs(short):
@@ -214,7 +205,7 @@ def test_no_ratio_without_a_bound_or_over_other_epochs(short):
     recording = Results(get_task("rlg-car-v0"), "a", {}, "suite", short_records)
     assert recording.bound is None
     assert recording.below_bound is None
-    assert words.bound_text(recording) == ("-", None)
+    assert columns.bound_text(recording) == ("-", None)
 
 
 class KnowsTheMotion:
@@ -241,12 +232,12 @@ def test_an_estimator_that_knows_the_truth_is_found_out(short):
     assert honest.below_bound is False
     assert truth.bound_ratio["U"] < 1e-6 < 0.8 < honest.bound_ratio["U"]
     note = "Below the bound at the end (99.9 %): test_bound_ratio:KnowsTheMotion: uses knowledge of the motion"
-    text = draw(terminal.table(found, 140), 140)
+    text = draw(terminal_tables.table(found, 140), 140)
     assert "below" in text
-    for form in (text, board.as_markdown(found)):
+    for form in (text, plain_tables.as_markdown(found)):
         assert note in " ".join(form.split())
-    assert "(below)" in board.as_markdown([truth])
-    assert "below" not in board.as_markdown([honest]).lower()
+    assert "(below)" in plain_tables.as_markdown([truth])
+    assert "below" not in plain_tables.as_markdown([honest]).lower()
 
 
 # ---- tables and figures ----
@@ -261,21 +252,21 @@ def draw(renderable, width):
 def test_every_form_shows_the_ratio():
     one = results("ckf", 1.3)
     ratio = one.bound_ratio["U"]
-    assert json.loads(board.as_json([one]))[0]["bound_ratio"] == ratio
-    (row,) = csv.DictReader(io.StringIO(board.as_csv([one])))
+    assert json.loads(plain_tables.as_json([one]))[0]["bound_ratio"] == ratio
+    (row,) = csv.DictReader(io.StringIO(plain_tables.as_csv([one])))
     assert [float(row[f"bound_ratio_{axis}"]) for axis in "enu"] == [one.bound_ratio[axis] for axis in "ENU"]
     assert (row["bound_holds"], row["below_bound"]) == ("True", "False")
-    for text in (board.as_markdown([one]), draw(terminal.table([one]), 100)):
-        assert words.number(ratio) in text.split()
+    for text in (plain_tables.as_markdown([one]), draw(terminal_tables.table([one]), 100)):
+        assert numbers.number(ratio) in text.split()
         assert "Cramér-Rao" in text
-    (row,) = csv.DictReader(io.StringIO(board.as_csv([results("a", 1.0, task=get_task("sway-scratch-v0"))])))
+    (row,) = csv.DictReader(io.StringIO(plain_tables.as_csv([results("a", 1.0, task=get_task("sway-scratch-v0"))])))
     assert (row["bound_holds"], row["below_bound"]) == ("False", "")
 
 
 @pytest.mark.parametrize("width", [66, 80, 100, 120])
 def test_the_column_is_whole_or_left_out(width):
     found = [results("filterpy_ukf", 1.3), results("coarse_inertial", 500.0, seed=1)]
-    text = draw(terminal.table(found, width), width)
+    text = draw(terminal_tables.table(found, width), width)
     assert max(len(line.rstrip()) for line in text.splitlines()) <= width
     left_out = text.partition("Left out in")[2]
     assert ("bound" in text.partition("─")[0]) == ("bound" not in left_out)
@@ -285,7 +276,7 @@ def test_the_column_is_whole_or_left_out(width):
 @pytest.mark.parametrize(("name", "line"), [("sway-white-v0", "-"), ("sway-scratch-v0", "--")])
 def test_figures_show_the_bound(name, line):
     one = results("ckf", 1.3, task=get_task(name), runs=3)
-    figure = plots.error_figure([one])
+    figure = error_figure.error_figure([one])
     azimuth, level, _ = figure.subfigs[0].axes
     for axes, expected in (
         (azimuth, np.degrees(one.bound.sigma[:, 2])),
@@ -300,12 +291,12 @@ def test_figures_show_the_bound(name, line):
 
 def test_the_figure_of_one_run_shows_three_sigma_of_it(short):
     course = run_episode(short, "solvers.zoo:ekf")
-    figure = plots.run_figure(short, "ekf", course)
+    figure = run_figure.run_figure(short, "ekf", course)
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts.count("3 sigma of the Cramér-Rao bound") == 1
     assert len(texts) == 4
     curves = [found.get_ydata() for found in figure.axes[0].lines if len(found.get_xdata()) == 20]
-    np.testing.assert_allclose(curves, [s * 3 * np.degrees(short.bound().sigma[:, 2]) for s in (-1, 1)])
+    np.testing.assert_allclose(curves, [s * 3 * np.degrees(bounds.find(short).sigma[:, 2]) for s in (-1, 1)])
 
 
 # ---- pairs ----

@@ -9,13 +9,16 @@ from scipy import linalg, stats
 
 from sins_env import attitude, earth
 from sins_env.envs.rendering import sensor_floor
-from sins_env.evaluation import bounds, get_task, tasks
-from sins_env.evaluation.error_model import ErrorModel, Truth, true_motion
-from sins_env.evaluation.fisher import fisher_factor
-from sins_env.specs import ARCSEC, DEG, GpsSpec
+from sins_env.evaluation import get_task
+from sins_env.evaluation.bound import bounds
+from sins_env.evaluation.bound.error_dynamics import ErrorModel, Truth, true_motion
+from sins_env.evaluation.bound.fisher import fisher_factor
+from sins_env.evaluation.tasks import task as tasks
+from sins_env.specs import GpsSpec
 from sins_env.types import NavState
-from solvers.pipeline.epoch_map import ACCEL_UNIT, GYRO_UNIT
-from solvers.pipeline.error_state import AlignmentErrors
+from sins_env.units import ARCSEC, DEG
+from solvers.pipeline.errors.alignment import AlignmentErrors
+from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT
 from solvers.pipeline.strapdown import EpochMotion, Strapdown
 
 WHITE = get_task("sway-white-v0")
@@ -92,7 +95,7 @@ def test_the_steady_state_is_that_of_the_score():
 def test_every_task_of_the_swaying_base_has_a_bound(name):
     """It holds for a start drawn from a Gaussian; the threshold is three times the bound, rounded up (not for robust ones)."""
     task = get_task(name)
-    bound = task.bound()
+    bound = bounds.find(task)
     assert bool(bound.holds) == (name not in ("sway-scratch-v0", "sway-anyheading-v0"))
     assert np.all(np.diff(bound.sigma[60:, 2]) < 0)
     assert 2.7 < task.delta[2] / bound.final[2] < 4
@@ -103,7 +106,7 @@ def test_every_task_of_the_swaying_base_has_a_bound(name):
 def test_a_bound_over_records_is_one_over_their_headings():
     """Thresholds of static8 are set by definition, and its start is unknown: the bound is but a reference."""
     task = get_task("static8-v0")
-    bound = task.bound()
+    bound = bounds.find(task)
     assert not bound.holds
     env = task.make(16, reveal_truth=True)
     seen = attitude.to_euler(attitude.to_dcm(task.reset(env, range(16))[1]["truth"]["q_nb"]))[0]
@@ -114,7 +117,7 @@ def test_a_bound_over_records_is_one_over_their_headings():
 
 def test_no_bound_where_the_fixes_are_the_statement_that_the_car_stands():
     """Their error is the car's own motion, no white noise of a stated size."""
-    assert get_task("vehicle-v0").bound() is None
+    assert bounds.find(get_task("vehicle-v0")) is None
     parked = {"imu": "rlg-car", "n_sub": 10, "duration": 60.0}
     still, car = (
         bounds.compute(variant(env_id, **parked, gps="dgps", **more), 2)
@@ -130,7 +133,7 @@ def test_what_is_told_does_not_matter():
 
 
 def test_no_bound_for_a_recording():
-    assert get_task("rlg-car-v0").bound() is None
+    assert bounds.find(get_task("rlg-car-v0")) is None
     assert bounds.compute(get_task("rlg-car-v0")) is None
 
 

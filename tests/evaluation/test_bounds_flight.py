@@ -9,12 +9,15 @@ from oracles.wrong_dynamics import body_is_level, no_acceleration, rate_reversed
 from scipy import linalg
 
 from sins_env import attitude, earth
-from sins_env.evaluation import bounds, error_model, get_task, tasks
-from sins_env.evaluation.criteria import Criteria
-from sins_env.evaluation.error_model import PHI, POS, VEL, ErrorModel, true_motion
-from sins_env.evaluation.fisher import fisher_factor
-from sins_env.specs import ARCSEC, DEG, DEG_PER_H, UG, GpsSpec
+from sins_env.evaluation import get_task
+from sins_env.evaluation.bound import bounds, error_dynamics
+from sins_env.evaluation.bound.error_dynamics import PHI, POS, VEL, ErrorModel, true_motion
+from sins_env.evaluation.bound.fisher import fisher_factor
+from sins_env.evaluation.play.criteria import Criteria
+from sins_env.evaluation.tasks import task as tasks
+from sins_env.specs import GpsSpec
 from sins_env.types import NavState
+from sins_env.units import ARCSEC, DEG, DEG_PER_H, UG
 from solvers.pipeline.strapdown import Strapdown
 
 GATE = 1e-5
@@ -41,7 +44,7 @@ def world_of(task, runs=1):
 def test_every_flight_has_a_bound(name):
     """The thresholds are three times the bound at T, rounded up."""
     task = get_task(name)
-    bound = task.bound()
+    bound = bounds.find(task)
     assert bound.sigma.shape == (len(bound.t), 9)
     assert bool(bound.holds) == (name not in FIXED)
     assert bound.fits(Criteria.of(task, world_of(task)[0].task))
@@ -55,7 +58,7 @@ def test_golden_values():
     """flight.md sections 0, 2, 5 and 7, another code: mean over time of the heading, at T, over the last 600 s; position."""
 
     def heading(profile):
-        return flight(profile).bound().sigma[:, 2] / DEG
+        return bounds.find(flight(profile)).sigma[:, 2] / DEG
 
     sun, physical = heading("sun2012"), heading("sun2012-physical")
     assert (sun.mean(), sun[-1]) == (pytest.approx(1.85, abs=0.01), pytest.approx(0.74, abs=0.005))
@@ -63,7 +66,7 @@ def test_golden_values():
     for spread in (30, 60, 90):
         assert heading(f"hotstart{spread}")[-1] == pytest.approx(0.108, abs=0.0005)
     for profile, golden in (("lu-gauss", 0.4797), ("lu-mixture", 0.4797 / math.sqrt(0.7927))):
-        variance = np.square(flight(profile).bound().sigma[100:, 6:]).sum(axis=1)
+        variance = np.square(bounds.find(flight(profile)).sigma[100:, 6:]).sum(axis=1)
         assert np.sqrt(variance).mean() == pytest.approx(golden, rel=2e-3)
 
 
@@ -212,7 +215,7 @@ def test_process_noise_is_what_the_sensors_draw():
     world.reset([np.random.default_rng(run) for run in range(runs)], {})  # which measures nothing yet
     model, motion = ErrorModel(world), world.trajectory.chunk(0, epochs)
     h = world.task.epoch_s
-    truth = error_model.Truth(0, *[None] * 6, np.ones(epochs, dtype=bool))
+    truth = error_dynamics.Truth(0, *[None] * 6, np.ones(epochs, dtype=bool))
     Q = model.noise(truth, np.broadcast_to(np.eye(15), (1, epochs, 15, 15)))[0]
     measured = world.imu.measure(motion.dtheta, motion.dvel)
     for states, true, found, triad in (

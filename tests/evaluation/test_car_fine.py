@@ -8,14 +8,16 @@ import pytest
 from oracles import recorded
 
 from sins_env import attitude
-from sins_env.evaluation import evaluate, registry
-from sins_env.evaluation.reproduction import car_readings as readings
+from sins_env.evaluation import evaluate
+from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.play.criteria import Criteria
+from sins_env.evaluation.play.scoring import score
 from sins_env.evaluation.reproduction import get_table, running
 from sins_env.evaluation.reproduction.documents import car_fine, car_interference
+from sins_env.evaluation.reproduction.readings import car as readings
 from sins_env.evaluation.reproduction.tables import Group, Line, Source, Table
-from sins_env.evaluation.scoring import Criteria, score
-from sins_env.evaluation.store import Store
-from sins_env.evaluation.tasks import EvaluationTask, run_seed
+from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.tasks.task import EvaluationTask, run_seed
 
 #: 000 tables 6.6 to 6.8, a column for each filter.
 HEADINGS = {
@@ -69,7 +71,7 @@ def test_the_printed_level_figures_are_of_the_car_not_of_the_filters():
 def test_the_zoo_is_whole():
     others = {"two_pass", "coarse_inertial", "coarse_oba", "coarse_analytic1", "coarse_analytic2", "coarse_analytic3"}
     adapters = {"filterpy_kf", "filterpy_ekf", "filterpy_ukf"}
-    own = {name for name in registry.names() if registry.is_own(name)}
+    own = {name for name in finding.names() if finding.is_own(name)}
     assert {*car_fine.ZOO, *car_fine.PARTICLES} == own - others - adapters
 
 
@@ -100,7 +102,7 @@ def test_angles_at_the_end_are_those_of_the_car_and_of_the_answer():
     results = kf(task, 24)
     env = gymnasium.make_vec(task.env_id, num_envs=24, **task.kwargs, reveal_truth=True)
     obs, info = task.reset(env, range(24))
-    estimator = registry.make("kf", car_fine.AS_THESIS)
+    estimator = finding.make("kf", car_fine.AS_THESIS)
     estimator.reset(env.unwrapped.task, np.random.default_rng(0), 24)
     first = info["truth"]["q_nb"].copy()
     for _ in range(300):

@@ -13,7 +13,9 @@ from pathlib import Path
 import pytest
 
 import sins_env
-from sins_env.evaluation import listing, registry, tasks
+from sins_env.cli.describe import listing
+from sins_env.evaluation.estimators import finding, version
+from sins_env.evaluation.tasks import task as tasks
 from sins_env.types import Observation
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -32,7 +34,7 @@ _COMMAND = """
 import sys
 from evaluation.conftest import SHORT
 from sins_env.evaluation import tasks
-from sins_env.evaluation.cli import main
+from sins_env.cli.main import main
 tasks.TASKS[SHORT.name] = SHORT
 sys.exit(main())
 """
@@ -306,7 +308,7 @@ def test_check(cli):
 
 
 def test_bench(cli, monkeypatch):
-    from sins_env.evaluation import bench
+    from sins_env.evaluation.speed import bench
 
     monkeypatch.setattr(bench, "SECONDS", 0.2)
     code, out, err = cli("bench", GOOD, "--runs", 4, 1)
@@ -322,7 +324,7 @@ def test_bench(cli, monkeypatch):
 
 @pytest.mark.parametrize("recorded", ["rlg_parked_car.npz"], indirect=True)
 def test_bench_of_a_recording_has_its_windows_only(cli, monkeypatch, recorded):
-    from sins_env.evaluation import bench
+    from sins_env.evaluation.speed import bench
 
     monkeypatch.setattr(bench, "SECONDS", 0.05)
     code, out, err = cli("bench", GOOD, "--task", "rlg-car-v0")
@@ -394,15 +396,15 @@ def test_names_of_installed_solvers(cli, monkeypatch):
     from importlib.metadata import EntryPoint
 
     points = [
-        EntryPoint("dead", PLUGIN + "DeadReckoning", registry.GROUP),
-        EntryPoint("gone", "no_such_module:X", registry.GROUP),
+        EntryPoint("dead", PLUGIN + "DeadReckoning", finding.GROUP),
+        EntryPoint("gone", "no_such_module:X", finding.GROUP),
     ]
-    monkeypatch.setattr(registry.importlib.metadata, "entry_points", lambda group: points)
+    monkeypatch.setattr(finding.importlib.metadata, "entry_points", lambda group: points)
     assert cli("describe", "dead")[0] == 0
     assert "cannot be loaded" in cli("list")[1]
     assert "did you mean 'dead'?" in cli("run", "sway-white-v0", "deat")[2][0]
     assert "cannot be loaded" in cli("check", "gone")[2][0]
-    assert registry.code_version("dead") == registry.code_version(GOOD)
+    assert version.code_version("dead") == version.code_version(GOOD)
 
 
 def test_an_edit_of_installed_solvers_makes_every_row_stale(tmp_path, monkeypatch):
@@ -414,22 +416,22 @@ def test_an_edit_of_installed_solvers_makes_every_row_stale(tmp_path, monkeypatc
     (package / "__init__.py").touch()
     (package / "zoo.py").write_text("raise RuntimeError('never imported')")
     monkeypatch.syspath_prepend(tmp_path)
-    points = [EntryPoint("theirs", "somebodys.zoo:X", registry.GROUP), EntryPoint("gone", "nowhere:X", registry.GROUP)]
-    monkeypatch.setattr(registry.importlib.metadata, "entry_points", lambda group: points)
-    before = registry.code_version(GOOD)
-    assert registry.code_version(GOOD) == before
+    points = [EntryPoint("theirs", "somebodys.zoo:X", finding.GROUP), EntryPoint("gone", "nowhere:X", finding.GROUP)]
+    monkeypatch.setattr(finding.importlib.metadata, "entry_points", lambda group: points)
+    before = version.code_version(GOOD)
+    assert version.code_version(GOOD) == before
     (package / "zoo.py").write_text("raise RuntimeError('never imported!')")
-    assert registry.code_version(GOOD) != before
+    assert version.code_version(GOOD) != before
     monkeypatch.undo()
-    assert any(path.name == "ckf.py" for path in registry._sources("solvers"))
+    assert any(path.name == "ckf.py" for path in version._sources("solvers"))
 
 
 def test_descriptions_are_whole_sentences(cli, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     _, out, _ = cli("list")
     assert "see ReplaySettings" not in out
-    assert "a real recording, delivered epoch by epoch like a simulation." in out
-    assert "the swaying base of 000 section 2.5.1." in out
+    assert "A recording of an IMU, with its fixes, or zero-velocity updates where it has none." in out
+    assert "The swaying base of 000 section 2.5.1." in out
     assert "swaying base, told attitude wrong by 1/1/15 deg (1 sigma), Gauss-Markov IMU errors" in out
     assert listing._summary("First: with ``a: b`` in it, e.g. this. Second.") == "First: with a: b in it, e.g. this."
     for task in tasks.TASKS.values():

@@ -14,8 +14,8 @@ from evaluation.test_monte_carlo import HERE, assert_same, run
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from sins_env.evaluation import evaluate
-from sins_env.evaluation.board import as_csv
-from sins_env.evaluation.executors import dask_client
+from sins_env.evaluation.play.executors import dask_client
+from sins_env.evaluation.show.plain_tables import as_csv
 
 WAIT_S = 120.0
 

@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sins_env.evaluation import evaluate, export
-from sins_env.evaluation.cli import main
-from sins_env.evaluation.criteria import AXES
-from sins_env.evaluation.store import Key, Store
+from sins_env.cli.main import main
+from sins_env.evaluation import evaluate
+from sins_env.evaluation.play.criteria import AXES
+from sins_env.evaluation.store import export
+from sins_env.evaluation.store.key import Key
+from sins_env.evaluation.store.store import Store
 
 VECTORS = {"t_conv": "_s", "hold_max": "_rad", "steady_mean": "_rad", "steady_std": "_rad", "steady_rms": "_rad",
            "final": "_rad"}  # fmt: skip

@@ -9,7 +9,8 @@ import pytest
 from evaluation import plugins
 from evaluation.test_monte_carlo import HERE, assert_same, run
 
-from sins_env.evaluation import evaluate, registry
+from sins_env.evaluation import evaluate
+from sins_env.evaluation.estimators import finding
 
 
 @pytest.fixture
@@ -137,4 +138,4 @@ def test_an_exception_of_its_own_making(short):
 def test_batched_must_be_a_bool(batched):
     message = f"batched is {batched!r}; allowed: True or False"
     with pytest.raises(ValueError, match=re.escape(message)):
-        registry.make(HERE + "At", {"batched": batched})
+        finding.make(HERE + "At", {"batched": batched})

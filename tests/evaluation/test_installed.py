@@ -12,8 +12,8 @@ from types import SimpleNamespace
 import pytest
 from evaluation import plugins
 
-from sins_env.evaluation import registry
-from sins_env.evaluation.cli import main
+from sins_env.cli.main import main
+from sins_env.evaluation.estimators import finding, version
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "examples" / "plugin_package"
@@ -39,7 +39,7 @@ def command(site, tmp_path):
 
     def call(*arguments, code=0):
         environment = {**os.environ, "PYTHONPATH": f"{site}{os.pathsep}{ROOT}", "COLUMNS": "160"}
-        go = "import sys; from sins_env.evaluation.cli import main; sys.exit(main())"
+        go = "import sys; from sins_env.cli.main import main; sys.exit(main())"
         line = [sys.executable, "-c", go, *map(str, arguments)]
         done = subprocess.run(line, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=300)
         assert done.returncode == code, done.stderr
@@ -89,14 +89,14 @@ class Points:
 
     @staticmethod
     def _point(package, name, value):
-        point = EntryPoint(name, value, registry.GROUP)
+        point = EntryPoint(name, value, finding.GROUP)
         return point._for(SimpleNamespace(name=package, version="1.2"))
 
 
 @pytest.fixture
 def offered(monkeypatch):
     def offer(*rows):
-        monkeypatch.setattr(registry.importlib.metadata, "entry_points", Points(*rows))
+        monkeypatch.setattr(finding.importlib.metadata, "entry_points", Points(*rows))
 
     return offer
 
@@ -110,11 +110,11 @@ def test_nobody_takes_a_name_of_the_projects_own(offered, capsys, monkeypatch, r
         ("cuckoo", "egg", "evaluation.plugins:Lost"),
     ]
     offered(*(rows[::-1] if reverse else rows))
-    assert registry.find("ckf") is plugins.DeadReckoning
-    assert registry.find("egg") is plugins.Lost
-    assert (registry.is_own("ckf"), registry.is_own("egg"), registry.is_own(plugins.Lost)) == (True, False, False)
-    assert registry.is_own("evaluation.plugins:DeadReckoning") is False
-    assert (registry.provider("ckf"), registry.provider("egg")) == (None, "cuckoo 1.2")
+    assert finding.find("ckf") is plugins.DeadReckoning
+    assert finding.find("egg") is plugins.Lost
+    assert (finding.is_own("ckf"), finding.is_own("egg"), finding.is_own(plugins.Lost)) == (True, False, False)
+    assert finding.is_own("evaluation.plugins:DeadReckoning") is False
+    assert (finding.provider("ckf"), finding.provider("egg")) == (None, "cuckoo 1.2")
     assert main(["list"]) == 0
     assert "taken: ckf of cuckoo (evaluation.plugins:Lost); use module:Factory" in " ".join(
         capsys.readouterr().out.split()
@@ -125,11 +125,11 @@ def test_one_name_of_two_packages(offered):
     offered(("a", "mine", "evaluation.plugins:DeadReckoning"), ("b", "mine", "evaluation.plugins:Lost"))
     both = r"is offered by a \(evaluation.plugins:DeadReckoning\) and b \(evaluation.plugins:Lost\); allowed: one of"
     with pytest.raises(ValueError, match=both):
-        registry.find("mine")
+        finding.find("mine")
     offered(
         ("a", "mine", "evaluation.plugins:Lost"), ("a", "mine", "evaluation.plugins:Lost")
     )  # found twice on the path
-    assert registry.find("mine") is plugins.Lost
+    assert finding.find("mine") is plugins.Lost
 
 
 def test_a_broken_entry_point_breaks_nothing_else(offered, capsys, tmp_path, monkeypatch):
@@ -154,7 +154,7 @@ def test_a_broken_entry_point_breaks_nothing_else(offered, capsys, tmp_path, mon
     assert "The told attitude, carried on by the gyros." in out
     for part in ("SystemExit: 3", "No module named 'no_such_package'", "ZeroDivisionError", "no attribute 'Absent'"):
         assert part in out
-    assert registry.code_version("good")
+    assert version.code_version("good")
     for name in ("leaves", "lacks", "divides", "absent", "misspelt", "number", "nothing", "fails"):
         assert main(["run", "sway-white-v0", name]) == 2
         (line,) = capsys.readouterr().err.splitlines()

@@ -10,8 +10,8 @@ from evaluation import plugins
 from evaluation.test_monte_carlo import HERE, assert_same, run
 
 from sins_env.evaluation import evaluate, run_episode
-from sins_env.evaluation.executors import Processes
-from sins_env.evaluation.isolation import Isolated
+from sins_env.evaluation.estimators.isolation import Isolated
+from sins_env.evaluation.play.pool import Processes
 
 LONG = 60.0  #: s: no limit that a busy machine reaches
 SHORT_S = 1.0  #: s: one that a solver which hangs does

@@ -6,11 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from sins_env.evaluation import consistency, get_task, metrics, resampling, scoring
-from sins_env.evaluation.criteria import MAX_HISTORY, Criteria
-from sins_env.evaluation.records import Records
-from sins_env.evaluation.scoring import Scorer, score
-from sins_env.specs import ARCSEC
+from sins_env.evaluation import get_task
+from sins_env.evaluation.play import scoring
+from sins_env.evaluation.play.criteria import MAX_HISTORY, Criteria
+from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.play.scoring import Scorer, score
+from sins_env.evaluation.score import consistency, metrics, resampling
+from sins_env.units import ARCSEC
 
 EPOCH, K, COARSE, HOLD = 0.1, 1000, 200, 30.0
 T = K * EPOCH

@@ -16,10 +16,11 @@ import pytest
 from evaluation import plugins
 
 from sins_env import attitude
-from sins_env.evaluation import Results, evaluate, get_task, registry, run_episode
-from sins_env.evaluation.executors import Processes
+from sins_env.evaluation import Results, evaluate, get_task, run_episode
+from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.monte_carlo import chunks
-from sins_env.evaluation.records import Records
+from sins_env.evaluation.play.pool import Processes
+from sins_env.evaluation.play.records import Records
 
 HERE = "evaluation.plugins:"
 
@@ -205,7 +206,7 @@ def test_solver_as_a_class_and_cost(short):
     assert isinstance(found, Results)
     assert found.solver == "evaluation.plugins:DeadReckoning"
     assert 0 < found.cost.median_us <= found.cost.p95_us < 1e6
-    assert "| 1 | evaluation.plugins:DeadReckoning | 2 |" in str(found)
+    assert repr(found) == "<Results of evaluation.plugins:DeadReckoning on short-v0: 2 runs>"
     assert evaluate(short, plugins.BadReset, 1, workers=1).cost is None
 
 
@@ -306,7 +307,7 @@ def test_a_module_that_cannot_be_imported_says_why(tmp_path, monkeypatch):
         ("evaluation.nope:X", "No module named 'evaluation.nope'; allowed: module:Factory, importable from"),
     ):
         with pytest.raises(ValueError, match=re.escape(f"solver {name!r}: {part}")):
-            registry.find(name)
+            finding.find(name)
 
 
 def test_the_name_of_a_file_is_offered_as_a_module(tmp_path, monkeypatch):
@@ -314,9 +315,9 @@ def test_the_name_of_a_file_is_offered_as_a_module(tmp_path, monkeypatch):
     (tmp_path / "my_filter.py").write_text("class Mine: ...\n")
     for name in ("my_filter", "my_filter.py", "./my_filter.py"):
         with pytest.raises(ValueError, match=r"is a module; allowed: my_filter:Factory"):
-            registry.find(name)
+            finding.find(name)
     with pytest.raises(ValueError, match=r"did you mean 'my_filter:Mine'\?"):
-        registry.find("my_filter.py:Mine")
+        finding.find("my_filter.py:Mine")
 
 
 def test_chunks():

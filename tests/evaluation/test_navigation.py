@@ -12,16 +12,21 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from sins_env import attitude
-from sins_env.evaluation import board, compare, evaluate, navigation, quantities, ranking, scoring, tasks, terminal
-from sins_env.evaluation.bounds import Bound
-from sins_env.evaluation.cost import Cost
-from sins_env.evaluation.criteria import COMPONENTS, WORST, Criteria
-from sins_env.evaluation.episode import run_episode
-from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.records import Records
-from sins_env.evaluation.scoring import Scorer, score
-from sins_env.evaluation.store import Key, Store
-from sins_env.specs import DEG
+from sins_env.evaluation import compare, evaluate
+from sins_env.evaluation.bound.bounds import Bound
+from sins_env.evaluation.play import scoring
+from sins_env.evaluation.play.criteria import COMPONENTS, WORST, Criteria
+from sins_env.evaluation.play.one_run import run_episode
+from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.play.scoring import Scorer, score
+from sins_env.evaluation.score import navigation, quantities, ranking
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.show import plain_tables, terminal_tables
+from sins_env.evaluation.speed.cost import Cost
+from sins_env.evaluation.store.key import Key
+from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.tasks import task as tasks
+from sins_env.units import DEG
 
 EPOCH, K, FROM = 0.1, 1000, 200
 t = (1 + np.arange(K)) * EPOCH
@@ -190,7 +195,7 @@ def test_failures_rank_first_and_then_the_median():
         lines.append(solver(name, {"phi_u": angle, "heading": angle}, rank_by="failures"))
     found = ranking.ranked(lines)
     assert [(rank, one.solver) for rank, one in found] == [(1, "none"), (1, "none-worse"), (1, "few"), (4, "many")]
-    text = board.as_markdown(lines)
+    text = plain_tables.as_markdown(lines)
     assert "median heading at the end, deg" in text
     assert "| 20 diverged |" in text
 
@@ -353,4 +358,4 @@ def test_alignment_has_no_columns_of_navigation(short, tmp_path, monkeypatch, cl
 
 def test_a_terminal_of_any_width(found):
     for width in (60, 100, 200):
-        terminal.table([found], width)
+        terminal_tables.table([found], width)

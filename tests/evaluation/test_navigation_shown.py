@@ -7,24 +7,27 @@ import numpy as np
 import pytest
 from evaluation.test_navigation import CRITERIA, FLIGHT, errors_of, solver
 
-from sins_env.evaluation import board, compare, evaluate, plots, report_tables, terminal, words
-from sins_env.evaluation.commands import _spans
-from sins_env.evaluation.criteria import Criteria
-from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.records import Records
-from sins_env.evaluation.report_figures import drawings
-from sins_env.evaluation.report_panel import Task
-from sins_env.evaluation.scoring import score
-from sins_env.evaluation.store import Key, Store
-from sins_env.evaluation.tasks import get_task
-from sins_env.evaluation.verify import compare_runs
-from sins_env.specs import DEG
+from sins_env.cli.verbs.run import _spans
+from sins_env.evaluation import compare, evaluate
+from sins_env.evaluation.play.criteria import Criteria
+from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.play.scoring import score
+from sins_env.evaluation.report import tables
+from sins_env.evaluation.report.figures import drawings
+from sins_env.evaluation.report.panel import Task
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.show import columns, error_figure, footer, plain_tables, terminal_tables
+from sins_env.evaluation.store.key import Key
+from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.store.verify import compare_runs
+from sins_env.evaluation.tasks.task import get_task
+from sins_env.units import DEG
 
 
 def printed(results, width, capsys):
     from rich.console import Console
 
-    terminal.print_tables(results, Console(width=width))
+    terminal_tables.print_tables(results, Console(width=width))
     return capsys.readouterr().out
 
 
@@ -63,7 +66,7 @@ def test_curves_are_of_the_lengths_in_the_table(monkeypatch):
     assert one.summary.navigation.armse["position_h"][0] == pytest.approx(5.0)
     drawn = {}
     monkeypatch.setattr(
-        "sins_env.evaluation.report_panel.inline",
+        "sins_env.evaluation.report.panel.inline",
         lambda figure, name, *rest: drawn.setdefault(name, [line.get_ydata() for line in figure.axes[0].lines]) and "",
     )
     captions = {d.title: d.caption for d in drawings(Task([one], {}, "t"))}
@@ -71,23 +74,27 @@ def test_curves_are_of_the_lengths_in_the_table(monkeypatch):
     assert len(drawn["t-t-level"]) == 1
     assert len(drawn["t-t-azimuth"]) == 2
     assert not any("component" in caption for caption in captions.values())
-    (panel,) = [axes for axes in plots.error_figure([one]).axes if axes.get_title(loc="left").startswith("position")]
+    (panel,) = [
+        axes for axes in error_figure.error_figure([one]).axes if axes.get_title(loc="left").startswith("position")
+    ]
     np.testing.assert_allclose(panel.lines[0].get_ydata(), 5.0, rtol=1e-6)
     sizes = np.array([[3.0, 4.0]])
-    np.testing.assert_allclose([plots.size_of(sizes, True), plots.size_of(sizes, False)], [[np.sqrt(12.5)], [5.0]])
+    np.testing.assert_allclose(
+        [error_figure.size_of(sizes, True), error_figure.size_of(sizes, False)], [[np.sqrt(12.5)], [5.0]]
+    )
 
 
 def test_failures_stand_beside_the_main_error_on_the_page(hot):
-    heads = [name for name, _ in report_tables.heads_of(hot)]
+    heads = [name for name, _ in tables.heads_of(hot)]
     assert heads[:4] == ["heading", "runs aligned", "failed", "median heading at the end"]
     assert heads.count("failed") == 1
     assert "median time" not in heads
-    assert "fine alignment" not in words.footer(hot)
+    assert "fine alignment" not in footer.footer(hot)
 
 
 def test_a_task_without_the_bound_of_its_main_error_has_no_mark_for_it(hot):
     vars(hot[0])["bound_means"] = {"azimuth": float("nan")}
-    assert report_tables._limit(hot[0], Task(hot, {}, "t")) is None
+    assert tables._limit(hot[0], Task(hot, {}, "t")) is None
 
 
 def test_what_the_rms_of_a_run_are_over():
@@ -96,9 +103,9 @@ def test_what_the_rms_of_a_run_are_over():
 
 def test_one_window_has_no_spread():
     task = dataclasses.replace(FLIGHT, windows=1)
-    assert not words.has_spread(task)
-    assert words.has_spread(dataclasses.replace(task, windows=2))
-    assert words.has_spread(dataclasses.replace(task, windows=0, records=30))
+    assert not columns.has_spread(task)
+    assert columns.has_spread(dataclasses.replace(task, windows=2))
+    assert columns.has_spread(dataclasses.replace(task, windows=0, records=30))
 
 
 def scaled(records, **factors):
@@ -151,7 +158,7 @@ def test_the_ratio_to_the_bound_is_that_of_the_mean_over_time():
     one = Results(FLIGHT, "one", {}, "s", score(errors_of(values, course), None, CRITERIA), stored_bound=None)
     vars(one)["bound_means"] = {"position": 0.5}
     expected = course[9::10][CRITERIA.span].mean() / 0.5
-    assert words.bound_ratio(one) == pytest.approx(expected, rel=1e-6)
+    assert columns.bound_ratio(one) == pytest.approx(expected, rel=1e-6)
     assert one.summary.navigation.rms["position"][0] / 0.5 > 1.03 * expected
-    (row,) = csv.DictReader(board.as_csv([one]).splitlines())
+    (row,) = csv.DictReader(plain_tables.as_csv([one]).splitlines())
     assert float(row["bound_ratio_position"]) == pytest.approx(expected, rel=1e-6)

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sins_env.evaluation import compare, paired, ranking, resampling
-from sins_env.evaluation.criteria import Criteria
-from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.scoring import score
-from sins_env.evaluation.tasks import get_task
-from sins_env.specs import ARCSEC
+from sins_env.evaluation import compare
+from sins_env.evaluation.play.criteria import Criteria
+from sins_env.evaluation.play.scoring import score
+from sins_env.evaluation.score import paired, ranking, resampling
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.tasks.task import get_task
+from sins_env.units import ARCSEC
 
 TASK = get_task("sway-white-v0")
 CRITERIA = Criteria(0.1, 1000, 0, TASK.delta, np.ones(3), 60.0)
@@ -270,7 +271,7 @@ def test_some_runs_in_common():
 
 
 def test_summaries_together_equal_those_alone():
-    from sins_env.evaluation.monte_carlo import summarise
+    from sins_env.evaluation.score.results import summarise
 
     sizes = (30, 40, 30, 1)
     data = [np.random.default_rng(i).normal(0, 500, n) for i, n in enumerate(sizes)]

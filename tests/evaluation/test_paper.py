@@ -10,7 +10,7 @@ from sins_env.evaluation.reproduction.paper import Papers, paper
 from sins_env.evaluation.reproduction.running import Made, first_look
 from sins_env.evaluation.reproduction.tables import Outcome
 from sins_env.evaluation.reproduction.verdicts import Estimate, verdicts
-from sins_env.evaluation.store import Store
+from sins_env.evaluation.store.store import Store
 
 
 def outcome(group, value=0.8, missing=""):
@@ -28,7 +28,7 @@ def made(**how):
 @pytest.fixture
 def store(tmp_path, short):
     """A file with a run, for who made it and where."""
-    from sins_env.evaluation.filling import Evaluation, fill
+    from sins_env.evaluation.store.filling import Evaluation, fill
 
     with Store(tmp_path / "runs.sqlite") as store:
         store.add_task(short)

@@ -8,13 +8,14 @@ import pytest
 from scipy import stats
 
 from sins_env.evaluation import evaluate
-from sins_env.evaluation.navigation import time_mean
-from sins_env.evaluation.reproduction import get_table, readings
+from sins_env.evaluation.reproduction import get_table
 from sins_env.evaluation.reproduction.documents import lu, sun2012, zhao2010
-from sins_env.evaluation.reproduction.navigation_pictures import Curve, Row, against_setting, rms_over_time
+from sins_env.evaluation.reproduction.pictures.navigation import Curve, Row, against_setting, rms_over_time
+from sins_env.evaluation.reproduction.readings import common
 from sins_env.evaluation.reproduction.tables import Source
 from sins_env.evaluation.reproduction.verdicts import NOT, OPEN, REPRODUCED, Said, verdicts
-from sins_env.evaluation.tasks import EvaluationTask
+from sins_env.evaluation.score.navigation import time_mean
+from sins_env.evaluation.tasks.task import EvaluationTask
 from solvers import toy_examples
 from solvers.toy_models import changing_R
 
@@ -57,19 +58,19 @@ def means(results, parts):
 def test_quotients_of_time_means(flown):
     ekf, ckf = flown["ekf"], flown["ckf"]
     for name, parts in (("position", [6, 7, 8]), ("velocity", [3, 4, 5])):
-        found = readings.ratio_of_armse(name)(ckf, ekf)
+        found = common.ratio_of_armse(name)(ckf, ekf)
         assert found.value == pytest.approx(means(ckf, parts) / means(ekf, parts), rel=1e-9)
         assert found.low <= found.value <= found.high
-        assert readings.armse(name)(ckf).value == pytest.approx(means(ckf, parts), rel=1e-9)
-    same = readings.ratio_of_armse("azimuth")(flown["ukf"], ckf)
+        assert common.armse(name)(ckf).value == pytest.approx(means(ckf, parts), rel=1e-9)
+    same = common.ratio_of_armse("azimuth")(flown["ukf"], ckf)
     assert (same.low, same.high, same.runs) == (pytest.approx(1.0, abs=1e-6), pytest.approx(1.0, abs=1e-6), RUNS)
 
 
 def test_cost_in_a_batch_and_failures(flown):
     steps = [np.median(flown[label].records.step_s) for label in ("ckf", "ekf")]
-    found = readings.batch_cost_against(flown["ckf"], flown["ekf"])
+    found = common.batch_cost_against(flown["ckf"], flown["ekf"])
     assert found == (steps[0] / steps[1],) * 3 + (RUNS, *found[4:])
-    assert readings.failed(flown["ekf"]).value == pytest.approx(100 * flown["ekf"].records.failed.mean())
+    assert common.failed(flown["ekf"]).value == pytest.approx(100 * flown["ekf"].records.failed.mean())
 
 
 def test_the_interval_of_a_quotient_is_that_of_resampled_runs():
@@ -81,7 +82,7 @@ def test_the_interval_of_a_quotient_is_that_of_resampled_runs():
     def quotient(i):
         return np.mean(np.sqrt(np.mean(a[i] ** 2, axis=0))) / np.mean(np.sqrt(np.mean(b[i] ** 2, axis=0)))
 
-    value, (low, high) = readings.ratio_of_time_means(a, b)
+    value, (low, high) = common.ratio_of_time_means(a, b)
     assert value == pytest.approx(quotient(np.arange(60)))
     drawn = [quotient(rng.integers(60, size=60)) for _ in range(2000)]
     assert (low, high) == pytest.approx(tuple(np.percentile(drawn, [2.5, 97.5])), abs=0.01)
@@ -91,13 +92,13 @@ def test_the_interval_of_a_quotient_is_that_of_resampled_runs():
 
 def test_shares_and_medians():
     flags = np.arange(40) < 3
-    found = readings.percentage(flags)
+    found = common.percentage(flags)
     expected = stats.binomtest(3, 40).proportion_ci(method="wilson")
     assert found.value == 7.5
     assert (found.low, found.high) == pytest.approx((100 * expected.low, 100 * expected.high))
-    assert readings.percentage(flags & False).low == 0.0
+    assert common.percentage(flags & False).low == 0.0
     values = np.append(np.arange(1.0, 22.0), np.nan)
-    middle = readings.median(values)
+    middle = common.median(values)
     assert (middle.value, middle.runs, middle.lost) == (11.0, 21, 1)
     assert 5 < middle.low < 11 < middle.high < 17
 
@@ -176,6 +177,6 @@ def test_costs_that_may_be_alike_are_not_told_apart():
         return SimpleNamespace(cost=SimpleNamespace(ratio=ratio))
 
     longer = Said("longer", low=1.0)
-    found = [readings.cost_against(measured(ratio), measured(2.0)) for ratio in (2.1, 2.8, 1.5)]
+    found = [common.cost_against(measured(ratio), measured(2.0)) for ratio in (2.1, 2.8, 1.5)]
     assert [one.value for one in found] == [1.05, 1.4, 0.75]
     assert verdicts([longer] * 3, found) == [OPEN, REPRODUCED, NOT]

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from sins_env.evaluation.progress import Bar
+from sins_env.evaluation.play.progress import Bar
 
 LABEL = "filterpy_ukf on sway-told-wrong-v0 (3/4)"
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from sins_env.evaluation import evaluate, get_task
-from sins_env.evaluation.repeatability import repeatability
-from sins_env.specs import DEG
+from sins_env.evaluation.score.repeatability import repeatability
+from sins_env.units import DEG
 
 VEHICLE, RLG, SWAY = (get_task(name) for name in ("vehicle-v0", "rlg-car-v0", "sway-white-v0"))
 

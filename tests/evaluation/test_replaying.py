@@ -10,9 +10,9 @@ from oracles import made
 
 from sins_env import recordings
 from sins_env.attitude import from_euler
-from sins_env.evaluation import replaying
-from sins_env.evaluation.replay_figure import replay_figure
-from sins_env.evaluation.replaying import Replay, replay
+from sins_env.evaluation.replay import replaying
+from sins_env.evaluation.replay.angles_figure import replay_figure
+from sins_env.evaluation.replay.replaying import Replay, replay
 from sins_env.recordings import Recording, Reference
 
 PLUGIN = "evaluation.plugins:"

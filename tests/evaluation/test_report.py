@@ -11,14 +11,18 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from sins_env.evaluation import ranking, report, report_figures, report_panel, report_tables, svg, words
-from sins_env.evaluation.cli import main
-from sins_env.evaluation.cost import Cost
-from sins_env.evaluation.criteria import Criteria
-from sins_env.evaluation.scoring import score
-from sins_env.evaluation.store import Key, Store
-from sins_env.evaluation.tasks import get_task, suite_hash
-from sins_env.specs import ARCSEC, DEG
+from sins_env.cli.main import main
+from sins_env.evaluation.play.criteria import Criteria
+from sins_env.evaluation.play.scoring import score
+from sins_env.evaluation.report import figures, panel, svg, tables
+from sins_env.evaluation.report import page as report
+from sins_env.evaluation.score import ranking
+from sins_env.evaluation.show import columns, footer, numbers
+from sins_env.evaluation.speed.cost import Cost
+from sins_env.evaluation.store.key import Key
+from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.tasks.task import get_task, suite_hash
+from sins_env.units import ARCSEC, DEG
 
 TASK, UNSCORED = get_task("sway-white-v0"), get_task("rlg-car-v0")
 CRITERIA = Criteria(0.1, 3600, 0, TASK.delta, np.radians([10.0, 10.0, 150.0]), 60.0)
@@ -140,14 +144,14 @@ def test_the_table_is_the_boards(file, page):
         assert row[0] == str(rank)
         assert row[1].startswith(one.solver.rpartition(":")[2])
         assert ("gain=2" in row[1]) == ("gain" in one.settings)
-        assert row[2] == f"{words.angle(s.rms['U'])} {words.angle_interval(s.rms_ci['U'])}"
-        assert row[4] == f"{words.success_text(s)} of {s.runs}"
-        assert row[5] == f"{words.seconds(s.t_conv_median_s)} {words.seconds_interval(s.t_conv_ci_s)}".strip()
-        assert row[8].startswith(words.bound_text(one)[0])
-        assert row[9].replace("\n", ", ") == words.failure_text(s)
-        assert row[10] == words.cost_text(one)
+        assert row[2] == f"{numbers.angle(s.rms['U'])} {numbers.angle_interval(s.rms_ci['U'])}"
+        assert row[4] == f"{columns.success_text(s)} of {s.runs}"
+        assert row[5] == f"{numbers.seconds(s.t_conv_median_s)} {numbers.seconds_interval(s.t_conv_ci_s)}".strip()
+        assert row[8].startswith(columns.bound_text(one)[0])
+        assert row[9].replace("\n", ", ") == columns.failure_text(s)
+        assert row[10] == columns.cost_text(one)
     assert lines[0][1].solver == "better"
-    for line in words.footer([one for _, one in lines]).split("\n"):
+    for line in footer.footer([one for _, one in lines]).split("\n"):
         assert line.replace('"', "&#34;").replace("'", "&#39;") in page
 
 
@@ -155,8 +159,8 @@ def test_intervals_on_their_axis(file):
     """On a log axis from the least end to at most five times the median RMS; what is beyond is marked."""
     with Store(file, read_only=True) as db:
         lines = ranking.ranked([db.results(key) for key in db.keys([TASK.name])])
-    task = report_panel.Task([one for _, one in lines], {}, "t")
-    found = {row.name: row.whisker for row in report_tables.rows_of(lines, task)}
+    task = panel.Task([one for _, one in lines], {}, "t")
+    found = {row.name: row.whisker for row in tables.rows_of(lines, task)}
     ends = {one.label: np.array([one.summary.rms["U"], *one.summary.rms_ci["U"]]) for _, one in lines}
     low, usual = min(ci.min() for ci in ends.values()), np.median([ci[0] for ci in ends.values()])
     bound = task.bound.steady[2] / ARCSEC
@@ -167,7 +171,7 @@ def test_intervals_on_their_axis(file):
         np.testing.assert_allclose(found[name][:3], expected)
         assert found[name].bound == pytest.approx(np.log(bound / low) / np.log(5 * usual / low))
     assert found["worst"].value > 1 > found["better"].high
-    alone = report_tables.rows_of(lines[:1], report_panel.Task([lines[0][1]], {}, "t"))[0].whisker
+    alone = tables.rows_of(lines[:1], panel.Task([lines[0][1]], {}, "t"))[0].whisker
     assert min(alone) == 0
     assert max(alone) == 1
 
@@ -203,7 +207,7 @@ def test_provenance(file, page):
 def test_same_file_same_bytes(file, page, tmp_path):
     """In another process, too, whose sets and dictionaries hash otherwise."""
     command = [sys.executable, "-m", "sins_env.evaluation", "report", "--html", "r.html", "--db", str(file)]
-    code = "import sys; from sins_env.evaluation.cli import main; sys.exit(main(sys.argv[1:]))"
+    code = "import sys; from sins_env.cli.main import main; sys.exit(main(sys.argv[1:]))"
     command[1:3] = ["-c", code]
     done = subprocess.run(command, cwd=tmp_path, env={**os.environ, "PYTHONHASHSEED": "7"}, capture_output=True)
     assert done.returncode == 0, done.stderr
@@ -243,10 +247,10 @@ def drawn(monkeypatch, results):
         out[title] = figure.axes[0], names, description
         return ""
 
-    monkeypatch.setattr(report_panel, "inline", keep)
+    monkeypatch.setattr(panel, "inline", keep)
     lines = [one for _, one in ranking.ranked(results)]
-    looks = {one.label: report_panel.Look(i) for i, one in enumerate(lines[:-1])}
-    captions = [d.caption for d in report_figures.drawings(report_panel.Task(lines, looks, "t"))]
+    looks = {one.label: panel.Look(i) for i, one in enumerate(lines[:-1])}
+    captions = [d.caption for d in figures.drawings(panel.Task(lines, looks, "t"))]
     return out, lines, captions
 
 
@@ -270,7 +274,7 @@ def test_what_the_figures_draw(file, monkeypatch):
     assert axes.get_ylim()[0] > 0.01
     bound = next(one for one in axes.lines if len(one.get_xdata()) == len(lines[0].bound.t))
     np.testing.assert_allclose(bound.get_ydata(), lines[0].bound.sigma[:, 2] / DEG)
-    assert f"better {words.angle(lines[0].summary.rms['U'])}″" in told
+    assert f"better {numbers.angle(lines[0].summary.rms['U'])}″" in told
     line = curve(*out["Level error over time"][:2], "better")
     expected = np.sqrt((r.history[:, at, :2] ** 2).mean(axis=(0, 2))) / ARCSEC
     np.testing.assert_allclose(line.get_ydata(), expected, rtol=1e-5)
@@ -295,7 +299,7 @@ def test_what_the_figures_draw(file, monkeypatch):
 
 def test_the_front():
     points = [(2.0, 3.0), (1.0, 5.0), (3.0, 4.0), (4.0, 1.0), (4.0, 2.0)]
-    assert report_figures.front(points) == [(1.0, 5.0), (2.0, 3.0), (4.0, 1.0)]
+    assert figures.front(points) == [(1.0, 5.0), (2.0, 3.0), (4.0, 1.0)]
 
 
 def test_forty_solvers_stay_small(tmp_path):
@@ -308,7 +312,7 @@ def test_forty_solvers_stay_small(tmp_path):
     dom = Dom(page)
     assert len(next(t for t in dom.tables if t[0][0] == "#")) == 41
     assert "32 more" in page
-    looks = [report_panel.Look(i) for i in range(32)]
+    looks = [panel.Look(i) for i in range(32)]
     assert len({(one.name, one.dash) for one in looks}) == 32
     assert len({one.marker for one in looks[:8]}) == len({one.name for one in looks[:8]}) == 8
 

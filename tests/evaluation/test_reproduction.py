@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from sins_env.cli.verbs import reproduce
 from sins_env.evaluation import reproduction
-from sins_env.evaluation.reproduction import command, get_table, names, queueing
+from sins_env.evaluation.reproduction import get_table, names, queueing
 from sins_env.evaluation.reproduction.documents import car_coarse
 from sins_env.evaluation.reproduction.showing import estimate_text, markdown
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
@@ -29,7 +30,7 @@ from sins_env.evaluation.reproduction.verdicts import (
     root_mean_square,
     verdicts,
 )
-from sins_env.evaluation.store import Store
+from sins_env.evaluation.store.store import Store
 
 PLUGIN = "plugins:"
 
@@ -210,7 +211,7 @@ def small(short, monkeypatch):
         ),
     )
     monkeypatch.setattr(reproduction, "TABLES", {"9.9": table})
-    monkeypatch.setattr(command, "paper", lambda made, *_: f"# Published results\n{markdown(*made[0][:2])}")
+    monkeypatch.setattr(reproduce, "paper", lambda made, *_: f"# Published results\n{markdown(*made[0][:2])}")
     return table
 
 

@@ -10,9 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sins_env.evaluation import board, database, evaluate, store, tasks
-from sins_env.evaluation.rows import SCHEMA_VERSION
-from sins_env.evaluation.store import Key, Store, StoreError, canonical
+from sins_env.evaluation import evaluate
+from sins_env.evaluation.bound import bounds
+from sins_env.evaluation.show import plain_tables
+from sins_env.evaluation.store import database, store
+from sins_env.evaluation.store.database import StoreError
+from sins_env.evaluation.store.key import Key, canonical
+from sins_env.evaluation.store.schema import SCHEMA_VERSION
+from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.tasks import fingerprint
+from sins_env.evaluation.tasks import task as tasks
 
 
 @pytest.fixture
@@ -172,7 +179,7 @@ def test_a_file_of_an_older_schema_is_brought_up_to_date(old_file, results, key)
         np.testing.assert_array_equal(found.fallbacks, fallbacks)
         np.testing.assert_array_equal(found.history, results.records.history)
         np.testing.assert_array_equal(db.results(dataclasses.replace(key, code="2")).records.fallbacks, range(4))
-        assert db.digest_of(key.task) == tasks.digest(results.task)
+        assert db.digest_of(key.task) == fingerprint.digest(results.task)
 
 
 @pytest.fixture
@@ -190,7 +197,7 @@ def test_a_file_of_the_third_schema_gives_the_same_table(third):
     before = path.read_bytes()
     with Store(path, read_only=True) as db:
         keys = db.keys()
-        assert board.as_csv([db.results(key) for key in keys]) == table
+        assert plain_tables.as_csv([db.results(key) for key in keys]) == table
     assert path.read_bytes() == before
 
 
@@ -202,7 +209,7 @@ def test_a_file_of_the_third_schema_goes_on(third, short):
         more = evaluate(short, key.solver, [3], workers=1, settings={"epoch": 150}, cost=False).records
         db.add(key, more)
         assert db.runs_of(key) == {0, 1, 2, 3}
-        assert board.as_csv([db.results(told)]).splitlines()[1] == table.splitlines()[1]
+        assert plain_tables.as_csv([db.results(told)]).splitlines()[1] == table.splitlines()[1]
         assert db.results(key).records.reason[3] == more.reason[0]
         assert db._db.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
 
@@ -212,7 +219,7 @@ def test_a_file_of_the_third_schema_goes_on(third, short):
 
 def test_a_table_needs_no_definition_and_no_bound_but_those_in_the_file(tmp_path, monkeypatch, results, key, short):
     """Neither the task is known any more, nor may anything be simulated."""
-    bound = short.bound()
+    bound = bounds.find(short)
     with Store(tmp_path / "r.sqlite") as db:
         db.add_task(short)
         db.add(key, results.records)
@@ -224,7 +231,7 @@ def test_a_table_needs_no_definition_and_no_bound_but_those_in_the_file(tmp_path
     np.testing.assert_array_equal(found.bound.sigma, bound.sigma)
     assert found.bound.fits(found.records.criteria)
     assert found.bound_ratio["U"] > 0
-    assert board.as_json([found])
+    assert plain_tables.as_json([found])
     with Store(tmp_path / "old.sqlite") as db:
         db.add(key, results.records)
         with pytest.raises(StoreError, match="definition of short-v0 cannot be read"):
@@ -247,7 +254,7 @@ def test_for_tables_only_what_they_show_is_read(tmp_path, results, key):
     assert found.records.traceback == results.records.traceback
     form = {"as_csv", "as_json", "as_markdown"}
     found, given = (dataclasses.replace(one, stored_bound=None) for one in (found, results))
-    assert all(getattr(board, name)([found]) == getattr(board, name)([given]) for name in form)
+    assert all(getattr(plain_tables, name)([found]) == getattr(plain_tables, name)([given]) for name in form)
 
 
 def test_a_changed_task_is_refused(tmp_path, monkeypatch, results, key, short):
@@ -322,9 +329,9 @@ def test_settings_must_be_json():
 _WRITER = """
 import sys
 import numpy as np
-from sins_env.evaluation.criteria import Criteria
-from sins_env.evaluation.scoring import score
-from sins_env.evaluation.store import Key, Store
+from sins_env.evaluation.play.criteria import Criteria
+from sins_env.evaluation.play.scoring import score
+from sins_env.evaluation.store.store import Key, Store
 criteria = Criteria(0.1, 50, 0, np.ones(3), np.ones(3), 1.0)
 key = Key.of("sway-white-v0", "s", sys.argv[2], {}, "1")
 for run in range(40):

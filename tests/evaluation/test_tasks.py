@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from sins_env import attitude
-from sins_env.evaluation import digest, get_task, tasks
-from sins_env.evaluation.tasks import EvaluationTask, run_seed, solver_rng, suite_hash
+from sins_env.evaluation import digest, get_task
+from sins_env.evaluation.tasks import task as tasks
+from sins_env.evaluation.tasks.task import EvaluationTask, run_seed, solver_rng, suite_hash
 
 #: A change here means that old results no longer compare: give the task a new version instead.
 DIGESTS = {

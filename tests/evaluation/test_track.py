@@ -10,10 +10,10 @@ from oracles import made
 
 from sins_env import attitude, recordings
 from sins_env.evaluation import get_task
-from sins_env.evaluation.episode import run_episode
-from sins_env.evaluation.replaying import replay
-from sins_env.evaluation.track import displacement_errors, of_run
-from sins_env.evaluation.track_figure import track_figure
+from sins_env.evaluation.play.one_run import run_episode
+from sins_env.evaluation.replay.replaying import replay
+from sins_env.evaluation.replay.track import displacement_errors, of_run
+from sins_env.evaluation.replay.track_figure import track_figure
 from sins_env.recordings import Displacements, Gnss, Recording, Reference
 
 RATE, T0, LEVER = 100.0, 100.0, np.array([0.5, -1.0, 2.0])
@@ -191,7 +191,7 @@ def test_the_driven_car(recorded, cli, monkeypatch):
     assert course.records.status[0] == "ok"
     assert_allclose(of_run(task, 0, course), found.track.displacement_errors(0)[1], atol=1e-6)
     assert of_run(get_task("flight-sun2012-v0"), 0, course).shape == (0, 3)
-    monkeypatch.setattr("sins_env.evaluation.commands.run_episode", lambda *_, **__: course)  # played already
+    monkeypatch.setattr("sins_env.cli.verbs.run.run_episode", lambda *_, **__: course)  # played already
     code, out, err = cli("run", "navgrade-car-v0", "ckf")
     assert (code, err) == (0, [])
     assert f"{scores['displacement, m'][0]:.3f} m" in out

@@ -11,10 +11,14 @@ import pytest
 from oracles import recorded
 from rich.console import Console
 
-from sins_env.evaluation import board, evaluate, plots, ranking, run_episode, tasks, terminal, words
-from sins_env.evaluation.cli import main
-from sins_env.evaluation.store import Key, Store
-from sins_env.evaluation.tasks import EvaluationTask
+from sins_env.cli.main import main
+from sins_env.evaluation import evaluate, run_episode
+from sins_env.evaluation.score import ranking
+from sins_env.evaluation.show import columns, error_figure, numbers, plain_tables, run_figure, style, terminal_tables
+from sins_env.evaluation.store.key import Key
+from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.tasks import task as tasks
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 HERE = "evaluation.plugins:"
 
@@ -60,7 +64,7 @@ def test_failures_are_counted(unscored, how):
     assert found.records.broken.all()
     assert np.isnan(found.records.final).all()
     assert found.summary.failures == 3
-    assert words.failure_text(found.summary) == ("3 raised" if how == "raise" else "3 diverged")
+    assert columns.failure_text(found.summary) == ("3 raised" if how == "raise" else "3 diverged")
 
 
 def test_lost_runs_are_not_scored_either(unscored):
@@ -77,22 +81,22 @@ def test_lost_runs_are_not_scored_either(unscored):
 def test_every_form_shows_no_score(found):
     other = dataclasses.replace(found, solver="other")
     assert [(rank, one.solver) for rank, one in ranking.ranked([other, found])] == [(1, "other"), (1, found.solver)]
-    for entry in json.loads(board.as_json([found, other])):
+    for entry in json.loads(plain_tables.as_json([found, other])):
         assert entry["success"] is entry["t_conv_median_s"] is None
         assert set(entry["rms"].values()) == {None}
         assert entry["failures"] == 0
-    for row in csv.DictReader(io.StringIO(board.as_csv([found, other]))):
+    for row in csv.DictReader(io.StringIO(plain_tables.as_csv([found, other]))):
         assert row["rank"] == row["success"] == row["rms_u_arcsec"] == row["t_conv_median_s"] == row["rms_n_low"] == ""
         assert float(row["spread_deg"]) == found.summary.spread_deg
         assert row["diverged"] == "0"
-    cells = [cell.strip() for cell in board.as_markdown([found]).splitlines()[6].split("|")[1:-1]]
-    assert cells == ["-", found.solver, "3", *["-"] * 6, "0", "-", words.number(found.summary.spread_deg)]
+    cells = [cell.strip() for cell in plain_tables.as_markdown([found]).splitlines()[6].split("|")[1:-1]]
+    assert cells == ["-", found.solver, "3", *["-"] * 6, "0", "-", numbers.number(found.summary.spread_deg)]
     for width in (80, 120):
         console = Console(width=width, file=io.StringIO())
-        console.print(terminal.table([found, other], width))
+        console.print(terminal_tables.table([found, other], width))
         text = console.file.getvalue()
         assert "no reference" in text
-        assert words.number(found.summary.spread_deg) in text
+        assert numbers.number(found.summary.spread_deg) in text
         for part in ("nan", "%", "never", "equal ranks"):
             assert part not in text
 
@@ -104,20 +108,20 @@ def test_stored_and_read_back(found, tmp_path):
         again = db.results(key)
     assert again.records.criteria.scored is False
     assert again.summary.spread_deg == found.summary.spread_deg
-    assert board.as_json([again]) == board.as_json([found])
+    assert plain_tables.as_json([again]) == plain_tables.as_json([found])
 
 
 def test_figures(found, unscored):
-    figure = plots.error_figure([found, dataclasses.replace(found, solver="other")])
+    figure = error_figure.error_figure([found, dataclasses.replace(found, solver="other")])
     texts = [text.get_text() for axes in figure.subfigs[0].axes for text in axes.texts]
-    assert texts == [plots.NO_REFERENCE] * 3
+    assert texts == [style.NO_REFERENCE] * 3
     assert not any(line.get_label() == found.label for axes in figure.subfigs[0].axes for line in axes.lines)
     figure.canvas.draw()
     course = run_episode("still-v0", HERE + "Noisy")
     assert np.isnan(course.phi).all()
-    figure = plots.run_figure(unscored, "Noisy", course)
+    figure = run_figure.run_figure(unscored, "Noisy", course)
     figure.canvas.draw()
-    assert plots.NO_REFERENCE in figure.get_suptitle()
+    assert style.NO_REFERENCE in figure.get_suptitle()
 
 
 def test_command_line(unscored, capsys):

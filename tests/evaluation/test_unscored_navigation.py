@@ -10,8 +10,11 @@ import pytest
 from evaluation.test_track import drive
 
 from sins_env import recordings
-from sins_env.evaluation import board, compare, evaluate, plots, ranking, tasks
-from sins_env.evaluation.tasks import EvaluationTask
+from sins_env.evaluation import compare, evaluate
+from sins_env.evaluation.score import ranking
+from sins_env.evaluation.show import error_figure, plain_tables
+from sins_env.evaluation.tasks import task as tasks
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 SOLVER = "evaluation.test_track:Driven"
 
@@ -63,14 +66,14 @@ def test_all_tie_in_every_form(found, rank_by):
     task = dataclasses.replace(found.task, rank_by=rank_by)
     pair = [dataclasses.replace(found, task=task, solver=name) for name in ("one", "other")]
     assert [rank for rank, _ in ranking.ranked(pair)] == [1, 1]
-    for entry in json.loads(board.as_json(pair)):
+    for entry in json.loads(plain_tables.as_json(pair)):
         assert {*entry["armse"].values(), *entry["rms"].values(), entry["bound_ratio"]} == {None}
-    for row in csv.DictReader(io.StringIO(board.as_csv(pair))):
+    for row in csv.DictReader(io.StringIO(plain_tables.as_csv(pair))):
         assert (
             row["rank"] == row["armse_position_h_m"] == row["rms_velocity_m_per_s"] == row["median_heading_deg"] == ""
         )
-    assert "nan" not in board.as_markdown(pair)
-    plots.error_figure(pair).canvas.draw()
+    assert "nan" not in plain_tables.as_markdown(pair)
+    error_figure.error_figure(pair).canvas.draw()
 
 
 def test_command_line(unscored, tmp_path, cli):

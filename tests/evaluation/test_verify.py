@@ -7,10 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sins_env.evaluation import evaluate, registry, tasks
-from sins_env.evaluation.cli import main
-from sins_env.evaluation.store import Key, Store
-from sins_env.evaluation.verify import compare_runs, verify
+from sins_env.cli.main import main
+from sins_env.evaluation import evaluate
+from sins_env.evaluation.estimators import version
+from sins_env.evaluation.store.key import Key
+from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.store.verify import compare_runs, verify
+from sins_env.evaluation.tasks import task as tasks
 
 PLUGIN = "evaluation.plugins:"
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "board.py"
@@ -25,7 +28,7 @@ def _here(tmp_path, monkeypatch):
 
 def fill(short, solver, runs=5, seed=None, code=None, **settings):
     found = evaluate(short, PLUGIN + solver, runs, seed, workers=1, settings=settings, cost=False)
-    key = Key.of(short.name, found.suite, PLUGIN + solver, settings, code or registry.code_version(PLUGIN + solver))
+    key = Key.of(short.name, found.suite, PLUGIN + solver, settings, code or version.code_version(PLUGIN + solver))
     with Store("results.sqlite") as db:
         db.add_task(short)
         db.add(key, found.records)

@@ -11,7 +11,7 @@ from oracles import made
 
 from sins_env.recordings import heading_pitch_roll, resample, to_rfu
 from sins_env.recordings.clock import Samples, clocked, fitted_rate, resampled
-from sins_env.recordings.summary import Gap
+from sins_env.recordings.recording import Gap
 
 RATES = st.sampled_from([1.0, 12.5, 50.0, 66.6666, 100.0, 199.99, 200.0, 400.0, 2000.0])
 

@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from oracles import made
 
 from sins_env.recordings import FORMATS, LAYOUTS, left_out, load, resample, save
-from sins_env.recordings import psins as psins_files
-from sins_env.specs import ARCSEC
+from sins_env.recordings.formats import psins as psins_files
+from sins_env.units import ARCSEC
 
 TESTS = Path(__file__).parents[1]
 ENDINGS = {name: one.ending for name, one in FORMATS.items()}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from oracles.problems import spd
 
-from solvers.blocks.hinfinity import admissible, inflate, largest, reciprocal_deviations
+from solvers.filters.hinfinity.inflation import admissible, inflate, largest, reciprocal_deviations
 
 
 def case(seed, batch=(5,), n=4):

@@ -5,7 +5,7 @@ import pytest
 from oracles.problems import spd
 from scipy import integrate, stats
 
-from solvers.blocks import importance as im
+from solvers.filters.particles import importance as im
 from solvers.types import Gaussian, Linear, NoiseLaw
 
 T, MIX = NoiseLaw(dof=3.0), NoiseLaw(share=0.2, factor=10.0)

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from scipy.stats import qmc
 
-from solvers.blocks import points_random as pr
+from solvers.filters.particles import random_points as pr
 
 KEYS = pr.run_keys(np.random.default_rng(5), (6,))
 SETS = ["random", *pr.POINTS]

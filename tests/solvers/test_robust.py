@@ -8,15 +8,7 @@ from oracles.problems import spd
 from scipy.optimize import minimize
 
 from solvers.blocks.conditioning import condition, posterior_cov
-from solvers.blocks.robust import (
-    FLOOR,
-    Correntropy,
-    Each,
-    Huber,
-    StudentT,
-    reweight,
-    widened,
-)
+from solvers.filters.robust.reweighting import FLOOR, Correntropy, Each, Huber, StudentT, reweight, widened
 from solvers.types import Gaussian, Moments
 
 N, M = 4, 2

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solvers.filters import make_filter
-from solvers.filters.aukf import LITERAL
+from solvers.filters.adaptive.aukf import LITERAL
 from solvers.toy_models import OVERFLOW, START, Benchmark002, changing_R
 
 RUNS = 200

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from sins_env import attitude, earth
 from sins_env.trajectory import Flight, FlightPlan
-from sins_env.trajectory.profiles import PROFILES
 from sins_env.types import NavState
+from sins_env.worlds.profiles import PROFILES
 from solvers.pipeline.strapdown import Strapdown
 
 WGS84 = earth.EARTHS["wgs84"]

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sins_env.trajectory import MANOEUVRES, Flight, FlightPlan, Segment
-from sins_env.trajectory.profiles import PROFILES, flight_profile, is_flight
+from sins_env.worlds.profiles import PROFILES, flight_profile, is_flight
 
 OWN = {
     "latitude_deg": 47.5,

@@ -6,7 +6,7 @@ a line in ``documents/__init__.py`` that lists them.
 
 from __future__ import annotations
 
-from sins_env.errors import unknown
+from sins_env.checks import unknown
 from sins_env.evaluation.reproduction import documents
 from sins_env.evaluation.reproduction.tables import Table
 

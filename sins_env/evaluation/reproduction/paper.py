@@ -6,16 +6,16 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from sins_env.errors import unknown
+from sins_env.checks import unknown
 from sins_env.evaluation.reproduction.claims import CLAIMS
 from sins_env.evaluation.reproduction.documents.thesis_together import printed_extremes
 from sins_env.evaluation.reproduction.running import Made
 from sins_env.evaluation.reproduction.showing import estimate_text, markdown
 from sins_env.evaluation.reproduction.tables import Outcome
 from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, OPEN, REPRODUCED, Estimate
-from sins_env.evaluation.store import Store
-from sins_env.evaluation.templates import template
-from sins_env.evaluation.words import number
+from sins_env.evaluation.show.numbers import number
+from sins_env.evaluation.show.templates import template
+from sins_env.evaluation.store.store import Store
 
 TEMPLATE = "reproduction/paper.md.j2"
 VERDICTS = (REPRODUCED, IN_ORDER, OPEN, NOT)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sins_env.evaluation import registry
-from sins_env.evaluation.episode import Job, lost_records
-from sins_env.evaluation.executors import runner
-from sins_env.evaluation.filling import Evaluation
+from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.monte_carlo import DIED, chunks, extent
-from sins_env.evaluation.progress import Bar
-from sins_env.evaluation.store import Store
+from sins_env.evaluation.play.executors import runner
+from sins_env.evaluation.play.playing import Job, lost_records
+from sins_env.evaluation.play.progress import Bar
+from sins_env.evaluation.store.filling import Evaluation
+from sins_env.evaluation.store.store import Store
 
 
 def fill(store: Store, wanted: Sequence[Evaluation], workers: int | None = None) -> None:
@@ -30,7 +30,7 @@ def fill(store: Store, wanted: Sequence[Evaluation], workers: int | None = None)
     jobs, key_of = [job for job, _ in queue], {id(job): key for job, key in queue}
     extents = [extent(one.task, len(missing)) for one, missing in todo]
     total_s, epochs = sum(s for _, s in extents), sum(s / epoch_s for epoch_s, s in extents)
-    apart = not all(registry.is_own(solver) for solver in {one.solver for one, _ in todo})
+    apart = not all(finding.is_own(solver) for solver in {one.solver for one, _ in todo})
     with runner(None, workers, len(jobs), apart) as where, Bar(f"runs of {len(todo)} evaluations") as bar:
         try:
             for job, found in where.run(jobs, lambda done: bar.update(min(done / epochs, 1.0) * total_s, total_s)):

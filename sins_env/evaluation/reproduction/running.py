@@ -6,14 +6,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from sins_env.evaluation import registry
-from sins_env.evaluation.cost import measure_cost
-from sins_env.evaluation.filling import Evaluation
-from sins_env.evaluation.monte_carlo import Results
+from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.reproduction.queueing import fill
 from sins_env.evaluation.reproduction.tables import Group, Outcome, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import verdicts
-from sins_env.evaluation.store import Key, Store
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.speed.cost import measure_cost
+from sins_env.evaluation.store.filling import Evaluation
+from sins_env.evaluation.store.key import Key
+from sins_env.evaluation.store.store import Store
 
 
 class Drawn(NamedTuple):
@@ -134,7 +135,7 @@ def _missing(group: Group, quick: bool) -> str:
     if quick and not group.quick:
         return "left out of a quick look (--quick)."
     for task, solver, settings in group.sources:
-        registry.make(solver, settings)
+        finding.make(solver, settings)
         try:
             task.make(1).close()
         except FileNotFoundError as error:

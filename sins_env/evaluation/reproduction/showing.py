@@ -11,10 +11,10 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from sins_env.evaluation.outcome import titled
 from sins_env.evaluation.reproduction.tables import Outcome, Table
 from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, OPEN, REPRODUCED, Estimate
-from sins_env.evaluation.words import number
+from sins_env.evaluation.show.numbers import number
+from sins_env.evaluation.show.style import titled
 
 _STYLES = {REPRODUCED: "green", IN_ORDER: "yellow", OPEN: "yellow", NOT: "red"}
 NEAR_ONE = 0.1  #: where a quotient is told from one by its third decimal

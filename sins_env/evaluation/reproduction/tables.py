@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sins_env.evaluation.monte_carlo import Results
 from sins_env.evaluation.reproduction.verdicts import Estimate, Print
-from sins_env.evaluation.tasks import EvaluationTask
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-from sins_env.evaluation.resampling import TAILS, bca, resampled, units_of
-from sins_env.evaluation.words import number
-
-Array = NDArray[np.float64]
+from sins_env.arrays import Array
+from sins_env.evaluation.score.resampling import TAILS, bca, resampled, units_of
+from sins_env.evaluation.show.numbers import number
 
 REPRODUCED, IN_ORDER, NOT, OPEN = "reproduced", "in order only", "not reproduced", "not told apart"
 LUCK = 0.05  #: a single run may be as close to zero as so few of ours; one that is closer is called luck

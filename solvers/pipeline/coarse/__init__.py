@@ -16,17 +16,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from sins_env.errors import unknown
+from sins_env.arrays import Array
+from sins_env.checks import unknown
 from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.aided import Windows
 from solvers.pipeline.coarse.analytic import Analytic
 from solvers.pipeline.coarse.fits import by_davenport, by_svd
 from solvers.pipeline.coarse.inertial import AllPairs, TwoVector
-
-Array = NDArray[np.float64]
 
 
 class Coarse(Protocol):

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import earth
+from sins_env.arrays import Array
 from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.fits import Fit
 from solvers.pipeline.coarse.inertial import AllPairs, outer
 from solvers.pipeline.strapdown import cross, end_rate
-
-Array = NDArray[np.float64]
 
 WINDOW_S = 60.0  #: at most half of the coarse phase
 #: what is left of the pairs before the first full window: enough to fill in directions no window has seen

@@ -14,14 +14,12 @@ a door slam of 0.1 deg in 90 s is 4 deg/h. For bases that move there is the iner
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude, earth
+from sins_env.arrays import Array
 from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.fits import by_svd, triad
 from solvers.pipeline.strapdown import cross
-
-Array = NDArray[np.float64]
 
 
 def from_means(form: int, force: Array, rate: Array, force_n: Array, rate_n: Array) -> Array:

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import attitude
+from sins_env.arrays import Array
 from solvers.pipeline.strapdown import cross
 
-Array = NDArray[np.float64]
 Fit = Callable[[Array], Array]
 
 

@@ -10,14 +10,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude, earth
+from sins_env.arrays import Array
 from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.fits import Fit, triad
 from solvers.pipeline.strapdown import carried_sample, chain, interval_increments
-
-Array = NDArray[np.float64]
 
 EARLY_SHARE = 50 / 180  #: of the coarse phase at which the two-vector method takes its first vector, 000 section 2.4
 

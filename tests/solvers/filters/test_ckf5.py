@@ -4,8 +4,8 @@ from oracles.problems import spd
 from oracles.quadrature import gauss_hermite
 
 from solvers.filters import make_filter
-from solvers.filters.ckf5 import CKF5, FifthDegreeFilter
 from solvers.filters.gaussian import GaussianFilter
+from solvers.filters.sigma.ckf5 import CKF5, FifthDegreeFilter
 from solvers.types import Gaussian, Linear, Measurement, Transition
 
 

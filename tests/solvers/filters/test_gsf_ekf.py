@@ -9,10 +9,10 @@ from oracles.problems import spd, swing
 import solvers
 from sins_env import attitude
 from sins_env.evaluation import get_task
-from solvers.blocks.angles import least_known_angle, slices
 from solvers.blocks.mixtures import collapse
 from solvers.filters import make_filter
-from solvers.filters.gsf_ekf import Bank
+from solvers.filters.mixtures.angles import least_known_angle, slices
+from solvers.filters.mixtures.gsf_ekf import Bank
 from solvers.pipeline.feedback import reset_maps
 from solvers.types import Gaussian, Linear, Measurement, Transition
 

@@ -9,9 +9,9 @@ from scipy import stats
 
 import sins_env  # noqa: F401
 import solvers
-from sins_env.specs import ARCSEC
-from solvers.filters.ckf import CKF
-from solvers.pipeline.aligner import Aligner
+from sins_env.units import ARCSEC
+from solvers.filters.sigma.ckf import CKF
+from solvers.pipeline.estimator import Aligner
 from solvers.types import NoiseLaw
 
 SWAY = "SINS/AlignSway-v0"

@@ -5,12 +5,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sins_env import attitude, earth
-from sins_env.specs import ARCSEC, DEG, DEG_PER_H, UG, GpsSpec, ImuSpec, matched_prior
+from sins_env.prior import matched_prior
+from sins_env.specs import GpsSpec, ImuSpec
 from sins_env.trajectory import Sway
 from sins_env.types import NavState, Site
+from sins_env.units import ARCSEC, DEG, DEG_PER_H, UG
 from solvers.pipeline import strapdown as S
-from solvers.pipeline.epoch_map import ACCEL_UNIT, GYRO_UNIT
-from solvers.pipeline.error_state import AlignmentErrors, first_order_rows
+from solvers.pipeline.errors.alignment import AlignmentErrors, first_order_rows
+from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT
 
 SITE = Site(39.96 * DEG, 116.3 * DEG)
 MODEL = earth.get("wgs84")

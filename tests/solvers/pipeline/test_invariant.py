@@ -9,8 +9,8 @@ from sins_env.types import NavState
 from solvers.blocks.moments import tangent
 from solvers.filters import make_filter
 from solvers.pipeline import feedback, strapdown
-from solvers.pipeline.invariant import Chart, Invariant
-from solvers.pipeline.navigation_errors import PHI, POS, VEL, NavigationErrors
+from solvers.pipeline.errors.invariant import Chart, Invariant
+from solvers.pipeline.errors.navigation import PHI, POS, VEL, NavigationErrors
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Gaussian
 

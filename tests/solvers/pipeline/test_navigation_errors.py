@@ -5,12 +5,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sins_env import attitude, earth
-from sins_env.specs import DEG, DEG_PER_H, UG, GpsSpec, ImuSpec, matched_prior
+from sins_env.prior import matched_prior
+from sins_env.specs import GpsSpec, ImuSpec
 from sins_env.types import NavState
+from sins_env.units import DEG, DEG_PER_H, UG
 from solvers.blocks.moments import tangent
 from solvers.pipeline import strapdown as S
-from solvers.pipeline.epoch_map import ACCEL_UNIT, GYRO_UNIT
-from solvers.pipeline.navigation_errors import PHI, POS, VEL, NavigationErrors
+from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT
+from solvers.pipeline.errors.navigation import PHI, POS, VEL, NavigationErrors
 
 MODEL = earth.get("wgs84")
 START = np.array([34.2 * DEG, 108.9 * DEG, 380.0])

@@ -13,7 +13,7 @@ import solvers
 from sins_env import attitude, earth
 from solvers.blocks.sigma_rules import points
 from solvers.filters import names
-from solvers.pipeline.navigator import Navigator
+from solvers.pipeline.estimator import Navigator
 from solvers.types import Gaussian
 
 FLIGHT = "SINS/NavFlight-v0"

@@ -8,11 +8,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sins_env import attitude, earth
-from sins_env.envs.flight_settings import FlightSettings
+from sins_env.worlds.flight import FlightSettings
 from solvers import make
-from solvers.filters.kf import KF
-from solvers.pipeline.aligner import Aligner
-from solvers.pipeline.navigator import Navigator
+from solvers.filters.kalman.kf import KF
+from solvers.pipeline.estimator import Aligner, Navigator
 
 EPOCH, N_SUB, COARSE, LEVER = 0.1, 3, 20.0, (0.5, -1.0, 2.0)
 Q = attitude.from_euler(np.radians([40.0, 130.0]), np.radians([2.0, -1.0]), np.radians([-3.0, 1.0]))

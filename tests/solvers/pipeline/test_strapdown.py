@@ -6,9 +6,9 @@ import pytest
 from pyins import strapdown as pyins_strapdown
 
 from sins_env import attitude, earth
-from sins_env.specs import ARCSEC
 from sins_env.trajectory import STILL, THESIS, Sway, Vehicle
 from sins_env.types import NavState, Site
+from sins_env.units import ARCSEC
 from solvers.pipeline import strapdown as S
 
 SITE = Site(0.6974, 2.03, 50.0)

@@ -9,10 +9,11 @@ from oracles.problems import linear, look, run_of, spd, swing, swing_jacobian
 import sins_env  # noqa: F401
 import solvers
 from sins_env.evaluation import evaluate, get_task
-from sins_env.evaluation.paired import paired_ratio
-from sins_env.specs import ARCSEC
-from solvers.filters.ckf import CKF
-from solvers.pipeline.error_state import PHI
+from sins_env.evaluation.bound import bounds
+from sins_env.evaluation.score.paired import paired_ratio
+from sins_env.units import ARCSEC
+from solvers.filters.sigma.ckf import CKF
+from solvers.pipeline.errors.alignment import PHI
 from solvers.pipeline.two_pass import TwoPass, TwoPassFilter
 from solvers.types import Gaussian, Linear, Measurement, Transition
 
@@ -225,7 +226,7 @@ def test_reaches_the_bound_and_ckf_does_not(monkeypatch, tmp_path):
     and for ckf 1.056 [1.026, 1.089] or, paired with two_pass, 1.054 [1.037, 1.074]: a standard error of 4 % with 120."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     task = get_task("sway-white-v0")
-    bound = task.bound()
+    bound = bounds.find(task)
     two, ckf = (evaluate(task, f"solvers.zoo:{name}", 120, cost=False, workers=1) for name in ("two_pass", "ckf"))
     ratio = np.sqrt(np.square(two.records.final).mean(axis=0)) / bound.final
     np.testing.assert_allclose(ratio, 1.0, atol=0.19)

@@ -7,11 +7,12 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from sins_env.evaluation.reproduction.car_readings import Reader, azimuth, level, of_records, whole
 from sins_env.evaluation.reproduction.documents.car_coarse import RECORDS, said
+from sins_env.evaluation.reproduction.readings.car import azimuth, level, of_records, whole
+from sins_env.evaluation.reproduction.readings.common import Reader
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
 from sins_env.evaluation.reproduction.verdicts import Printed
-from sins_env.evaluation.tasks import EvaluationTask, get_task
+from sins_env.evaluation.tasks.task import EvaluationTask, get_task
 
 RUNS, QUICK = 120, 12  #: of all three positions
 LAST_POINTS = 20  #: whose mean is the result of the mixed filter; at 1 Hz here

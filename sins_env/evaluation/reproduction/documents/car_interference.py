@@ -9,10 +9,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from sins_env.evaluation.reproduction.car_readings import Reader, excursion, left, recovery
 from sins_env.evaluation.reproduction.documents.car_fine import AS_THESIS, CAR
+from sins_env.evaluation.reproduction.readings.car import excursion, left, recovery
+from sins_env.evaluation.reproduction.readings.common import Reader
 from sins_env.evaluation.reproduction.tables import Group, Line, Source, Table
-from sins_env.evaluation.tasks import EvaluationTask
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 BEFORE_S, AFTER_S = 120.0, 230.0  #: 30 s and 140 s into the fine phase
 HEADING_DEG = -26.3

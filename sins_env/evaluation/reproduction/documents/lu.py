@@ -8,8 +8,8 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any
 
-from sins_env.evaluation.reproduction.navigation_pictures import Curve, against_setting
-from sins_env.evaluation.reproduction.readings import (
+from sins_env.evaluation.reproduction.pictures.navigation import Curve, against_setting
+from sins_env.evaluation.reproduction.readings.common import (
     TIME_OF_A_STEP,
     Reader,
     armse,
@@ -19,7 +19,7 @@ from sins_env.evaluation.reproduction.readings import (
 )
 from sins_env.evaluation.reproduction.tables import Group, Line, Source, Table
 from sins_env.evaluation.reproduction.verdicts import Said
-from sins_env.evaluation.tasks import EvaluationTask, get_task
+from sins_env.evaluation.tasks.task import EvaluationTask, get_task
 
 RUNS, QUICK = 40, 3
 

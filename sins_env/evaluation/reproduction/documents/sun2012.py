@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sins_env.evaluation.quantities import QUANTITIES
-from sins_env.evaluation.reproduction.navigation_pictures import Curve, Row, rms_over_time
-from sins_env.evaluation.reproduction.readings import armse, ratio_of_armse
+from sins_env.evaluation.reproduction.pictures.navigation import Curve, Row, rms_over_time
+from sins_env.evaluation.reproduction.readings.common import armse, ratio_of_armse
 from sins_env.evaluation.reproduction.tables import Group, Line, Source, Table
 from sins_env.evaluation.reproduction.verdicts import Printed, PrintedRatio, Said
-from sins_env.evaluation.tasks import EvaluationTask, get_task
+from sins_env.evaluation.score.quantities import QUANTITIES
+from sins_env.evaluation.tasks.task import EvaluationTask, get_task
 
 RUNS, QUICK = 400, 20  #: fewer do not tell the headings apart
 

@@ -13,13 +13,20 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any, NamedTuple
 
-from sins_env.evaluation.reproduction.pictures import Course, courses
-from sins_env.evaluation.reproduction.readings import TIME_OF_A_STEP, Reader, apart, cost_against, error, quotient
-from sins_env.evaluation.reproduction.sway_readings import settling, wander
+from sins_env.evaluation.reproduction.pictures.courses import Course, courses
+from sins_env.evaluation.reproduction.readings.common import (
+    TIME_OF_A_STEP,
+    Reader,
+    apart,
+    cost_against,
+    error,
+    quotient,
+)
+from sins_env.evaluation.reproduction.readings.sway import settling, wander
 from sins_env.evaluation.reproduction.tables import Group, Line, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import Print, Printed, Said
-from sins_env.evaluation.tasks import EvaluationTask, get_task
-from sins_env.specs import ARCSEC
+from sins_env.evaluation.tasks.task import EvaluationTask, get_task
+from sins_env.units import ARCSEC
 
 RUNS, QUICK = 40, 5
 QUICK_PARTICLES = 2  #: of tables with particle filters, which cost a hundred times as much

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sins_env.evaluation.monte_carlo import Results
-from sins_env.evaluation.plots import COLOURS
 from sins_env.evaluation.reproduction.documents.thesis_filters import (
     AZIMUTH,
     BASES,
@@ -21,11 +19,13 @@ from sins_env.evaluation.reproduction.documents.thesis_filters import (
     WHITE,
     task_of,
 )
-from sins_env.evaluation.reproduction.pictures import new_figure
-from sins_env.evaluation.reproduction.readings import bound_at, errors_at
+from sins_env.evaluation.reproduction.pictures.courses import new_figure
+from sins_env.evaluation.reproduction.readings.common import bound_at, errors_at
 from sins_env.evaluation.reproduction.tables import Group, Line, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import Estimate, Printed, root_mean_square
-from sins_env.specs import ARCSEC
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.show.style import COLOURS
+from sins_env.units import ARCSEC
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from sins_env.evaluation import paired, registry
-from sins_env.evaluation.reproduction.readings import armse, failed, median, percentage, ratio_of_armse
+from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.reproduction.pictures.toy import draw_example
+from sins_env.evaluation.reproduction.readings.common import armse, failed, median, percentage, ratio_of_armse
 from sins_env.evaluation.reproduction.tables import Claim, Group, Line, Picture, Source, Table
-from sins_env.evaluation.reproduction.toy_pictures import draw_example
 from sins_env.evaluation.reproduction.verdicts import LUCK, Estimate, Said, root_mean_square
-from sins_env.evaluation.tasks import get_task
+from sins_env.evaluation.score import paired
+from sins_env.evaluation.tasks.task import get_task
 
 RUNS = 200
 TRUE = {"q": 0.2, "Q": 0.4}  #: of example 1
@@ -33,7 +34,7 @@ Row = tuple[str, Said | None, Read]
 
 def toy(name: str) -> Callable[[int], Any]:
     """A function of ``solvers.toy_examples``: the evaluation knows no solver but by name."""
-    found: Callable[[int], Any] = registry.find(f"solvers.toy_examples:{name}")
+    found: Callable[[int], Any] = finding.find(f"solvers.toy_examples:{name}")
     return found
 
 
@@ -287,7 +288,7 @@ FLIGHT = get_task("flight-zhao2010-v0")
 FIXES_M = 10 * 3**0.5  #: RMS length of the error of a fix
 DIVERGES = Said("diverges", low=FIXES_M)
 CONVERGES = Said("converges", high=FIXES_M)
-#: Of 002: window of 20 fixes, forgetting as in example 2, and none of the safeguards of solvers.filters.adaptive.
+#: Of 002: window of 20 fixes, forgetting as in example 2, and none of the safeguards of solvers.filters.adaptive.base.
 WINDOW = {"m": 20, "b": 0.95}
 LITERAL = {**WINDOW, "adapt": "qQ", "k0": 0, "guard": "none", "project": "none", "gate": 1.0}
 ADAPTIVE: tuple[tuple[str, dict[str, Any]], ...] = (("safeguarded", WINDOW), ("as printed", LITERAL))

@@ -9,7 +9,7 @@ import solvers
 from sins_env import attitude
 from solvers.pipeline import coarse
 from solvers.pipeline.coarse import METHODS
-from solvers.pipeline.coarse.estimators import CoarseAligner
+from solvers.pipeline.coarse_only import CoarseAligner
 
 INERTIAL = [method for method in METHODS if not method.startswith("analytic")]
 NAMES = {

@@ -1,0 +1,8 @@
+"""``python -m sins_env`` is ``sins-env``."""
+
+import sys
+
+from sins_env.cli.main import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,12 @@
+"""Names of the array types that the whole package shares."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Obs = dict[str, NDArray[Any]]  #: an observation, with a leading run axis in the vector environment

@@ -1,0 +1,192 @@
+"""The verbs of the command line, their options and their exit codes."""
+
+from __future__ import annotations
+
+import argparse
+
+from sins_env.cli.arguments import Parser, count, number, positive, seed, setting, several
+from sins_env.version import VERSION
+
+DEFAULT_DB = "results.sqlite"
+CODES = (
+    "First: sins-env run sway-white-v0 ckf --plot run.png; sins-env VERB --help says more. "
+    "Exit code: 0, 1 for a failed run, 2 for wrong use, 130 for Ctrl-C."
+)
+_FAILED = "failed epochs (an action that is not finite, or zero). A run that diverged is a result: 0."
+_RUN_CODES = f"Exit code 1: the run raised, was lost, was given up by the solver, or had {_FAILED}"
+_FORMATS = (
+    "Formats: npz (.npz), kfgins (.txt, with _gnss, _truth and .json), psins-imu (.imu), psins-mat (.mat), "
+    "csv (.csv, with a mapping .json)."
+)
+_EVAL_CODES = (
+    f"Exit code 1: any run raised, was lost, or had {_FAILED} Runs given up by the solver are counted in the table."
+)
+
+
+_TASK = "a name (sins-env list shows them)"
+_SOLVER = "a name (sins-env list shows them), or module:Factory: a class in module.py of this folder"
+_SETTING = "a setting of the solver (sins-env describe SOLVER shows them); may be repeated"
+_CONTRACT = (
+    "An estimator has batched = False, or True if it takes a leading run axis; reset(task, rng, num_runs=1); and step(obs), "
+    "which returns q_nb (4), or in navigation q_nb, v_n and position (10). sins-env describe SINS/AlignSway-v0 shows what obs "
+    "holds; sins_env.types.Task is the task. Optional: covariance()."
+)
+_SEED_HELP = "of the suite (default: the task's own); - reads a secret one from standard input"
+_SUITE = (
+    "A hidden suite: draw a seed of at least 64 bits (python -c 'import secrets; print(secrets.randbits(128))'), publish "
+    "its hash, evaluate with --seed -, and publish the seed in the end. Results files hold the first 16 digits only."
+)
+
+
+_VERIFY_CODES = "Exit code 1: a run differs, or none could be run again."
+_TABLES = (
+    "What is printed, ours with its 95 % interval, and a verdict. Runs are kept in DIR/results.sqlite and made once; an "
+    "interrupted command goes on where it was."
+)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The whole grammar; each verb's function, as module:name, is its default ``go``."""
+    about = "Which filter aligns a strapdown inertial system fastest?"
+    top = Parser(prog="sins-env", description=about, epilog=CODES)
+    top.add_argument("--version", action="version", version=f"%(prog)s {VERSION}")
+    verbs = top.add_subparsers(dest="verb", metavar="VERB", parser_class=Parser)
+
+    def verb(name: str, go: str, text: str, epilog: str | None = None) -> argparse.ArgumentParser:
+        sub = verbs.add_parser(name, help=text, description=text, epilog=epilog)
+        sub.set_defaults(go=go)
+        return sub
+
+    verb("list", "describe.listing:list_all", "environments, tasks, solvers, flights, published tables and presets")
+
+    text = "what is known of an environment, task, solver, preset, flight or recording"
+    sub = verb("describe", "describe.listing:describe", text)
+    sub.add_argument("name", metavar="NAME", help="one that sins-env list shows, module:Factory, or a file")
+    sub.add_argument("--allan", metavar="FILE", help="draw the Allan deviation of an IMU preset or a recording")
+    sub.add_argument("--plot", metavar="FILE", help="draw a flight: a profile by name, or a YAML or JSON file")
+
+    sub = verb("run", "verbs.run:run", "one episode, with its final errors and a figure", _RUN_CODES)
+    sub.add_argument("task", metavar="TASK", help=_TASK)
+    sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
+    sub.add_argument("--run", type=number, default=0, metavar="N", help="which run of the suite (default 0)")
+    sub.add_argument("--plot", metavar="FILE", help="draw the errors over time")
+    sub.add_argument("--traceback", action="store_true", help="show where the solver raised")
+
+    sub2 = verb("eval", "verbs.evaluate:evaluate", "many runs of solvers on tasks, into a results file", _EVAL_CODES)
+    several(sub2, "--task", required=True, help="names (sins-env list shows them)")
+    several(sub2, "--solver", required=True, help=_SOLVER)
+    sub2.add_argument("--runs", type=count, default=100, metavar="N", help="default 100; a recording has its windows")
+    sub2.add_argument("--executor", default="processes", metavar="NAME", help="processes (default) or dask")
+    sub2.add_argument("--workers", type=count, metavar="N", help="default: one per core")
+    sub2.add_argument("--chunk", type=count, metavar="N", help="runs per batch (default 64 to 256)")
+    sub2.add_argument("--resume", action="store_true", help="keep the runs that are there, make those that are missing")
+    sub2.add_argument("--plot", metavar="FILE", help="draw errors over time and success against the threshold")
+    for each in (sub, sub2):
+        each.add_argument("--seed", type=seed, metavar="N", help=_SEED_HELP)
+        each.add_argument("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help=_SETTING)
+        longest = "a run has failed if one call of the solver takes longer, s (default: no limit)"
+        each.add_argument("--timeout", type=positive, metavar="S", help=longest)
+
+    sub = verb("board", "verbs.stored:board", "the ranked table of a results file")
+    several(sub, "--task", help="these tasks only")
+    several(sub, "--solver", help="these solvers only")
+    form = sub.add_mutually_exclusive_group()
+    for name, kind in (("md", "Markdown"), ("csv", "CSV"), ("json", "JSON")):
+        form.add_argument(
+            f"--{name}", dest="form", action="store_const", const=name, help=f"as {kind}, with all columns"
+        )
+    sub.add_argument("--plot", metavar="FILE", help="draw errors over time and success against the threshold")
+    sub3 = verb(
+        "report", "verbs.stored:report", "the results of a file as one HTML page: tables, figures, failures, provenance"
+    )
+    sub3.add_argument("--html", required=True, metavar="FILE", help="where to write it")
+    several(sub3, "--task", help="these tasks only")
+    several(sub3, "--solver", help="these solvers only")
+    for each in (sub, sub2, sub3):
+        each.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
+
+    text = "two solvers on the same runs: ratio of RMS, success and time, with intervals"
+    sub = verb("compare", "verbs.stored:compare", text)
+    sub.add_argument("task", metavar="TASK", help="one that the file holds")
+    sub.add_argument("solver", metavar="SOLVER", help="as it is called in the file")
+    sub.add_argument("reference", metavar="SOLVER", help="the one that it is held against")
+    errors = (
+        "what errors are compared in: azimuth, level ...; of navigation position, velocity ... (default: what ranks)"
+    )
+    sub.add_argument("--score", metavar="NAME", help=errors)
+    sub.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
+
+    sub = verb("export", "verbs.stored:export", "every run of a results file with all its scores")
+    form = sub.add_mutually_exclusive_group(required=True)
+    for name in ("csv", "json", "parquet"):
+        form.add_argument(f"--{name}", metavar="FILE")
+
+    sub2 = verb("verify", "verbs.stored:verify", "run random rows of a results file again and compare", _VERIFY_CODES)
+    sub2.add_argument("--rows", type=count, default=20, metavar="N", help="how many (default 20)")
+    sub2.add_argument("--seed", type=seed, metavar="N", help=_SEED_HELP)
+    sub2.add_argument(
+        "--draw", type=number, metavar="N", help="seed of the choice of rows (default: another each time)"
+    )
+    sub2.add_argument("--workers", type=count, metavar="N", help="default: one per core")
+    for each in (sub, sub2):
+        several(each, "--task", help="these tasks only")
+        several(each, "--solver", help="these solvers only")
+        each.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
+
+    sub = verb("reproduce", "verbs.reproduce:reproduce", "published tables as Monte Carlo runs", _TABLES)
+    sub.add_argument(
+        "table", nargs="*", metavar="TABLE", help="their numbers, as sins-env list shows them (default: all)"
+    )
+    sub.add_argument("--runs", type=count, metavar="N", help="of every line (default: each table's own number)")
+    sub.add_argument("--quick", action="store_true", help="few runs, for a first look")
+    sub.add_argument("--out", default="reproduction", metavar="DIR", help="for REPRODUCTION.md and the runs")
+    sub.add_argument("--workers", type=count, metavar="N", help="default: one per core")
+
+    sub = verb("suite-hash", "verbs.stored:suite", "the hash of a secret suite seed, to be published first", _SUITE)
+    sub.add_argument("--seed", type=seed, default="-", metavar="N", help="default: - reads it from standard input")
+
+    sub = verb("check", "verbs.check:check", "hold an estimator against the contract", _CONTRACT)
+    sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
+    sub.add_argument("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help=_SETTING)
+
+    sub = verb(
+        "replay",
+        "verbs.recordings:replay",
+        "a solver on windows of any recording: heading, pitch, roll and their spread",
+    )
+    sub.add_argument("recording", metavar="FILE", help="of any format, or the mapping (.json) of one")
+    sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
+    whole = "s on the recording's clock (default: all of it); may be repeated"
+    sub.add_argument(
+        "--window", type=float, nargs=2, action="append", default=[], metavar=("START", "LENGTH"), help=whole
+    )
+    sub.add_argument("--stride", type=float, metavar="S", help="as many windows as fit, each so much later")
+    sub.add_argument("--mode", metavar="NAME", help="align (default), or navigate: velocity and position too")
+    sub.add_argument("--coarse", type=float, metavar="S", help="coarse phase (default 90 s, 60 s to navigate)")
+    sub.add_argument("--epoch", type=float, metavar="S", help="of the navigation (default 0.1 s)")
+    sub.add_argument("--imu", metavar="NAME", help="IMU preset that the solver is told (default rlg-car)")
+    outage = "withhold the fixes of these seconds of the window; may be repeated"
+    sub.add_argument(
+        "--outage", type=float, nargs=2, action="append", default=[], metavar=("START", "END"), help=outage
+    )
+    sub.add_argument("--seed", type=seed, default=0, metavar="N", help="of solvers that draw")
+    sub.add_argument("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help=_SETTING)
+    sub.add_argument("--plot", metavar="FILE", help="draw heading, pitch, roll and their spread")
+
+    sub = verb("convert", "verbs.recordings:convert", "a recording in another format", _FORMATS)
+    sub.add_argument("source", metavar="IN")
+    sub.add_argument("target", metavar="OUT")
+    sub.add_argument("--format", metavar="NAME", help="of IN, where its ending does not say it")
+    sub.add_argument("--to", metavar="NAME", help="format of OUT, where its ending does not say it")
+    sub.add_argument("--mapping", metavar="FILE", help="what IN does not say of itself, as JSON (default: IN's .json)")
+    sub.add_argument("--axes", metavar="AXES", help="where x, y, z of IN point: FRD, RFU, FLU ... or +y+x-z")
+    sub.add_argument("--resample", type=float, metavar="HZ", help="to another rate; never done unasked")
+    sub.add_argument("--drop-duplicates", action="store_true", help="keep the first of samples with one stamp")
+    sub.add_argument("--velocity-from-positions", action="store_true", help="for fixes without velocities")
+    sub.add_argument("--force", action="store_true", help="overwrite OUT")
+
+    sub = verb("bench", "verbs.bench:bench", "speed of the whole chain and of its parts")
+    sub.add_argument("solver", metavar="SOLVER", nargs="?", default="ckf", help=f"{_SOLVER} (default ckf)")
+    sub.add_argument("--task", default="sway-white-v0", metavar="NAME", help="default sway-white-v0")
+    sub.add_argument("--runs", type=count, nargs="+", default=[256, 1], metavar="N", help="batch sizes (default 256 1)")
+    return top

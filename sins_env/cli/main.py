@@ -1,0 +1,69 @@
+"""``sins-env``: the command line. An error is one line with the nearest valid name; codes in :func:`main`."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from sins_env.checks import unknown
+from sins_env.cli.arguments import WrongUse
+from sins_env.cli.grammar import parser
+from sins_env.cli.output import RunFailed
+from sins_env.evaluation.estimators.memory import keep_freed_memory
+
+INTERRUPTED = 130
+
+
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; its exit code: 0, 1 for a failed run, 2 for wrong use, 130 for Ctrl-C."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    keep_freed_memory()
+    try:
+        code = _run(arguments)
+        sys.stdout.flush()
+        return code
+    except SystemExit as error:  # --help
+        return int(error.code or 0)
+    except KeyboardInterrupt as error:
+        return _say(str(error) or "interrupted", INTERRUPTED)
+    except BrokenPipeError:  # the reader (head, less) has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except RunFailed as error:
+        return _say(str(error), 1)
+    except (WrongUse, ValueError, OSError) as error:
+        return _say(str(error), 2)
+    except Exception as error:
+        if os.environ.get("SINS_ENV_TRACEBACK"):
+            raise
+        return _say(f"{type(error).__name__}: {error} (SINS_ENV_TRACEBACK=1 shows where)", 1)
+
+
+def _run(arguments: list[str]) -> int:
+    top = parser()
+    verbs = next(a for a in top._actions if isinstance(a, argparse._SubParsersAction)).choices
+    if not arguments:
+        top.print_help(sys.stderr)
+        return 2
+    if not arguments[0].startswith("-") and arguments[0] not in verbs:
+        raise unknown("command", arguments[0], verbs)
+    given = top.parse_args(arguments)
+    module, _, name = given.go.partition(":")
+    go = getattr(importlib.import_module(f"sins_env.cli.{module}"), name)  # what the other verbs need stays out
+    return int(go(given, _Console(soft_wrap=not sys.stdout.isatty() and "COLUMNS" not in os.environ)))
+
+
+def _say(message: str, code: int) -> int:
+    """One line on standard error."""
+    print(f"sins-env: {' '.join(message.split())}", file=sys.stderr)
+    return code

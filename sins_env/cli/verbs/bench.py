@@ -1,0 +1,39 @@
+"""``sins-env bench``: speed of the whole chain and of its parts."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+
+from rich.console import Console
+
+from sins_env.cli.output import RunFailed, remark
+from sins_env.evaluation.estimators.guard import EstimatorError
+from sins_env.evaluation.play.progress import Bar
+from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.speed import bench as speed
+
+
+def bench(given: Namespace, console: Console) -> int:
+    """Speed, in CPU time on one thread."""
+    batches, remarks = speed.fitting(given.solver, given.task, given.runs)
+    for text in remarks:
+        remark(text)
+    try:
+        with Bar(f"bench of {given.solver}") as bar:
+            speeds = speed.measure(given.solver, given.task, batches=batches, progress=bar.update)
+    except EstimatorError as error:
+        raise RunFailed(f"{given.solver} on {given.task}: {error}") from error
+    table = titled(f"{given.solver} on {given.task}")
+    table.add_column("part")
+    for name in ("runs", "x real time\nper core", "us per run\nand epoch"):
+        table.add_column(name, justify="right")
+    for i, one in enumerate(speeds):
+        bold = "bold" if one.part == "whole chain" else ""
+        cells = (one.part, str(one.runs), f"{one.real_time:,.0f}", f"{one.epoch_us:.2f}")
+        table.add_row(*cells, style=bold, end_section=i % 3 == 2)
+    table.caption, table.caption_justify = (
+        "CPU time, one thread, fine phase; median over blocks of epochs",
+        "left",
+    )
+    console.print(table)
+    return 0

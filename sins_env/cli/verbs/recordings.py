@@ -1,0 +1,78 @@
+"""``convert`` and ``replay``: recordings from one format to another, and through a solver."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from pathlib import Path
+
+from rich.console import Console
+
+from sins_env import recordings
+from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
+from sins_env.evaluation.estimators.guard import EstimatorError
+from sins_env.evaluation.play.progress import Bar
+from sins_env.evaluation.replay import replaying, tables
+from sins_env.evaluation.replay.angles_figure import replay_figure
+from sins_env.evaluation.replay.track_figure import track_figure
+
+
+def convert(given: Namespace, console: Console) -> int:
+    """Read, write, and say what was written, what is missing and what was left out."""
+    target = Path(given.target)
+    kind = given.to or recordings.format_of(target)
+    with Bar(f"{given.source} to {given.target}"):
+        recording = recordings.load(
+            given.source,
+            format=given.format,
+            mapping=given.mapping,
+            axes=given.axes,
+            resample_hz=given.resample,
+            drop_duplicates=given.drop_duplicates or None,
+            velocity_from_positions=given.velocity_from_positions or None,
+        )
+        written = recordings.save(recording, target, format=kind, overwrite=given.force)
+    for path in written:
+        print(path)
+    sys.stdout.flush()
+    for gap in recording.gaps:
+        remark(f"missing: {gap}")
+    left = recordings.left_out(recording, kind)
+    if left:
+        remark(f"{kind} has no place for: {', '.join(left)}")
+    return 0
+
+
+def replay(given: Namespace, console: Console) -> int:
+    """Play, print the table, draw."""
+    check_plot(given.plot)
+    settings = {
+        name: value
+        for name, value in (("coarse", given.coarse), ("epoch", given.epoch), ("imu", given.imu), ("mode", given.mode))
+        if value is not None
+    }
+    if given.outage:
+        settings["gps"] = {"outages_s": given.outage}
+    try:
+        with Bar(f"{given.solver} on {given.recording}") as bar:
+            one = replaying.replay(
+                given.recording,
+                given.solver,
+                [tuple(window) for window in given.window],
+                given.stride,
+                settings=dict(given.set),
+                env=settings,
+                seed=given.seed,
+                progress=bar.update,
+            )
+    except EstimatorError as error:
+        raise RunFailed(f"{given.solver} on {given.recording}: {error}") from error
+    console.print(tables.table(one))
+    if one.track is not None:
+        console.print(tables.track_table(one, tables.MOST_ROWS))
+    if given.plot:
+        save_figure(replay_figure(one) if one.track is None else track_figure(one), given.plot)
+    for start, why in zip(one.starts, one.failed, strict=True):
+        if why:
+            raise RunFailed(f"{given.solver} on {one.recording}, window from {recordings.seconds(start)} s: {why}")
+    return 0

@@ -1,0 +1,151 @@
+"""Verbs of ``sins-env`` that read a results file: board, report, compare, export, verify; and the hash of a suite's seed.
+
+Modules that one verb alone needs are imported by that verb, so that ``board`` starts without them.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from pathlib import Path
+
+from rich.console import Console
+
+from sins_env.checks import unknown
+from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
+from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.play.progress import Bar
+from sins_env.evaluation.show import plain_tables as boards
+from sins_env.evaluation.show import terminal_tables
+from sins_env.evaluation.store.key import Key
+from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.tasks.task import seed_hash
+
+LEAST_SECRET_BITS = 64
+
+
+def _chosen(given: Namespace, store: Store) -> list[Key]:
+    """What the file holds of the tasks and solvers asked for.
+
+    Raises:
+        ValueError: a name that the file does not hold.
+    """
+    held = store.keys()
+    for kind, wanted, there in (
+        ("task", given.task, {key.task for key in held}),
+        ("solver", given.solver, {key.solver for key in held}),
+    ):
+        for name in wanted:
+            if name not in there:
+                raise unknown(f"{kind} in {given.db}", name, there)
+    return [key for key in held if key.among(given.task, given.solver)]
+
+
+def board(given: Namespace, console: Console) -> int:
+    """The table from the file alone."""
+    check_plot(given.plot)
+    with Store(given.db, read_only=True) as store:
+        keys = _chosen(given, store)
+        results = [store.results(key, whole=bool(given.plot)) for key in keys]
+    if given.form:
+        text = {"md": boards.as_markdown, "csv": boards.as_csv, "json": boards.as_json}[given.form](results)
+        print(text.rstrip("\n"))
+    elif not results:
+        remark(f"{given.db}: no results yet")
+    else:
+        terminal_tables.print_tables(results, console)
+    if given.plot and results:
+        from sins_env.evaluation.show import error_figure
+
+        save_figure(error_figure.error_figure(results), given.plot)
+    return 0
+
+
+def report(given: Namespace, console: Console) -> int:
+    """The page from the file alone."""
+    from sins_env.evaluation.report import page as pages
+    from sins_env.evaluation.show.templates import check_jinja2
+
+    path = Path(given.html)
+    if not path.resolve().parent.is_dir():
+        raise ValueError(f"--html {path}: the directory does not exist")
+    check_jinja2()
+    with Store(given.db, read_only=True) as store:
+        keys = _chosen(given, store)
+        if not keys:
+            raise ValueError(f"{given.db}: no results yet; sins-env eval makes some")
+        with Bar(f"report of {given.db}") as bar:
+            text = pages.html_report(store, keys, lambda done, total: bar.update(done / total, 1.0))
+    path.write_text(text, encoding="utf-8")
+    remark(f"report: {path}, {len(text.encode()) / 1e6:.1f} MB")
+    return 0
+
+
+def compare(given: Namespace, console: Console) -> int:
+    """Two solvers of a results file, over the runs that both have."""
+    from sins_env.evaluation.score import paired
+
+    with Store(given.db, read_only=True) as store:
+        chosen = _chosen(Namespace(task=[given.task], solver=[given.solver, given.reference], db=given.db), store)
+        pairs = [
+            (a, b)
+            for a in chosen
+            for b in chosen
+            if (a.suite, a.solver, b.solver) == (b.suite, given.solver, given.reference) and a != b
+        ]
+        if not pairs and given.solver == given.reference:
+            raise ValueError(
+                f"{given.solver} against itself; allowed: two solvers, or two settings of one in {given.db}"
+            )
+        if not pairs:
+            raise ValueError(f"{given.solver} and {given.reference} on {given.task}: no suite in common in {given.db}")
+        for a, b in pairs:
+            print(paired.compare(store.results(a), store.results(b), given.score))
+    return 0
+
+
+def export(given: Namespace, console: Console) -> int:
+    """Every run of the file, or of the tasks and solvers asked for."""
+    from sins_env.evaluation.store import export as exports
+
+    form = next(name for name in exports.FORMATS if getattr(given, name))
+    path = Path(getattr(given, form))
+    if not path.resolve().parent.is_dir():
+        raise ValueError(f"--{form} {path}: the directory does not exist")
+    if form == "parquet":
+        exports.check_parquet()
+    with Store(given.db, read_only=True) as store:
+        count = exports.export(store, _chosen(given, store), form, path)
+    remark(f"{form}: {path}, {count} run{'s' * (count != 1)}")
+    return 0
+
+
+def verify(given: Namespace, console: Console) -> int:
+    """Random rows once more."""
+    from sins_env.evaluation.play.executors import runner
+    from sins_env.evaluation.store import verify as verification
+
+    with Store(given.db, read_only=True) as store:
+        keys = _chosen(given, store)
+        apart = not all(map(finding.is_own, {key.solver for key in keys}))
+        with runner(None, given.workers, given.rows, apart) as where, Bar(f"verifying {given.db}") as bar:
+            found = verification.verify(
+                store, keys, given.rows, given.seed, given.draw, where=where, progress=bar.update
+            )
+    for reason, count in found.left_out.items():
+        remark(f"not verifiable, {count} run{'s' * (count != 1)}: {reason}")
+    for text in found.differences:
+        remark(text)
+    if found.differences:
+        raise RunFailed(f"{given.db}: {len(found.differences)} differences in {found.runs} runs")
+    if not found.runs:
+        raise RunFailed(f"{given.db}: no run could be verified")
+    print(f"{found.runs} run{'s' * (found.runs != 1)} made again: equal to 1e-9")
+    return 0
+
+
+def suite(given: Namespace, console: Console) -> int:
+    """The hash of a suite seed."""
+    if given.seed.bit_length() < LEAST_SECRET_BITS:
+        remark(f"a seed of fewer than {LEAST_SECRET_BITS} bits can be guessed from its hash")
+    print(seed_hash(given.seed))
+    return 0

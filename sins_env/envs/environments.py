@@ -1,0 +1,78 @@
+"""The environments that Gymnasium makes: each names its settings and its world; the vector form names the single one."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from sins_env.envs.base import EpisodeEnv, EpisodeVectorEnv
+from sins_env.worlds.flight import FlightSettings, FlightWorld
+from sins_env.worlds.replay import ReplayWorld
+from sins_env.worlds.replay_settings import ReplaySettings
+from sins_env.worlds.sway import AlignSettings, SwayWorld
+from sins_env.worlds.vehicle import VehicleSettings, VehicleWorld
+
+
+class AlignSwayEnv(EpisodeEnv):
+    """The swaying base of 000 section 2.5.1."""
+
+    env_id = "SINS/AlignSway-v0"
+    settings = AlignSettings
+    world = staticmethod(partial(SwayWorld, env_id, still=False))
+
+
+class AlignStaticEnv(EpisodeEnv):
+    """A base that stands still."""
+
+    env_id = "SINS/AlignStatic-v0"
+    settings = AlignSettings
+    world = staticmethod(partial(SwayWorld, env_id, still=True))
+
+
+class AlignVehicleEnv(EpisodeEnv):
+    """A parked car: doors, people who get in and out, rocking by hand; fixes are zero-velocity updates."""
+
+    env_id = "SINS/AlignVehicle-v0"
+    settings = VehicleSettings
+    world = staticmethod(VehicleWorld)
+
+
+class NavFlightEnv(EpisodeEnv):
+    """An INS and a GPS receiver in flight, from a told start with stated errors, or from rest."""
+
+    env_id = "SINS/NavFlight-v0"
+    settings = FlightSettings
+    world = staticmethod(FlightWorld)
+
+
+class ReplayEnv(EpisodeEnv):
+    """A recording of an IMU, with its fixes, or zero-velocity updates where it has none."""
+
+    env_id = "SINS/Replay-v0"
+    settings = ReplaySettings
+    world = staticmethod(ReplayWorld)
+
+
+class AlignSwayVectorEnv(EpisodeVectorEnv):
+    single = AlignSwayEnv
+
+
+class AlignStaticVectorEnv(EpisodeVectorEnv):
+    single = AlignStaticEnv
+
+
+class AlignVehicleVectorEnv(EpisodeVectorEnv):
+    single = AlignVehicleEnv
+
+
+class NavFlightVectorEnv(EpisodeVectorEnv):
+    single = NavFlightEnv
+
+
+class ReplayVectorEnv(EpisodeVectorEnv):
+    """All rows share the recording.
+
+    The reset that follows an episode of its own accord has no options, as in Gymnasium's own vector environments. Every
+    row then draws its window, whichever ``reset(options={"window": ...})`` had picked.
+    """
+
+    single = ReplayEnv

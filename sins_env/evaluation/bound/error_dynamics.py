@@ -1,0 +1,197 @@
+"""Linear error dynamics at the truth, for the Cramer-Rao bound. bound.md section 5, equations.md C.2 at zero error.
+
+    x = [dV (E, N, U) | phi (E, N, U) | dp (E, N, U) | nabla (R, F, U) | eps (R, F, U)]      SI, dp in metres
+
+    dV'  = f x phi + C nabla - (2 omega_ie + omega_en) x dV - (2 domega_ie + domega_en) x V + dg
+    phi' = -omega_in x phi + domega_ie + domega_en - C eps                   omega_en = T V, domega_en = T dV + (dT) V
+    dp'  = dV + [(V_E tan L dp_N - V_E dp_U + (V_U - V_N tan L) dp_E) / (R_N + h), (V_U dp_N - V_N dp_U) / (R_M + h), 0]
+
+dp is the difference of the coordinates in metres by the radii at the truth, as it is scored; its small terms follow from
+d((R_N + h) cos L) / dL = -(R_M + h) sin L. Biases are constant, Gauss-Markov, or both. C, f, V and the place are true means
+over an epoch. The solvers have error dynamics of their own on purpose; tests compare the two.
+
+A base that does not travel has neither dV_U nor dp: the same dynamics without these rows and columns. Of a fix its
+horizontal velocity enters. Vertical velocity and position would lower the azimuth's bound by 0.2 % on sway-white and 1 %
+on sway-told-wrong, but the level's by up to 14 % on the latter: the verdict is on azimuth (metrics.py).
+
+States are not scaled: matrix products and Joseph's form do not notice a change of units, by powers of two not in one bit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import attitude, earth
+from sins_env.arrays import Array
+from sins_env.evaluation.bound.fisher import fix_noise
+from sins_env.evaluation.tasks.task import EvaluationTask
+from sins_env.specs import ImuSpec
+from sins_env.types import Task
+from sins_env.units import DEG, DEG_PER_H, UG
+from sins_env.worlds.simulated import SimulatedWorld
+
+CHUNK_EPOCHS = 100
+VEL, PHI, POS = slice(0, 3), slice(3, 6), slice(6, 9)
+HELD = (2, 6, 7, 8)  #: states that a base which does not travel has not
+UNKNOWN_ATTITUDE_STD = math.pi / math.sqrt(3.0)  #: rad, of angles that may be anything
+UNKNOWN_VELOCITY_STD = 10.0  #: m/s
+STEP_RAD, STEP_M = 1e-4, 100.0  #: of central differences in latitude and height; exact to 1e-8
+
+
+class Truth(NamedTuple):
+    """Some epochs of some runs."""
+
+    first: int  #: how many epochs went before
+    C: Array  #: (runs, epochs, 3, 3) C_nb, mean over the epoch
+    force: Array  #: (runs, epochs, 3) m/s^2 in n, mean
+    vel: Array  #: (runs, epochs, 3) m/s, mean
+    pos: Array  #: (runs, epochs, 3) latitude rad, longitude rad, height m, mean
+    C_end: Array  #: (runs, epochs, 3, 3) at the end of the epoch
+    rate_end: Array  #: (runs, epochs, 3) rad/s, omega_eb^b at the end
+    fix: NDArray[np.bool_]  #: (epochs,) whether there is a fix at the end
+
+
+def true_motion(task: EvaluationTask, public: Task, runs: int) -> Iterator[Truth]:
+    """The truth of the first runs of the suite, in chunks; means by Simpson's rule, from the state at half epochs."""
+    h = public.epoch_s
+    env: Any = task.make(runs, epoch=0.5 * h, n_sub=1, reveal_truth=True)
+    _, info = task.reset(env, range(runs))
+    world: SimulatedWorld = env.unwrapped.episode.world
+    model = earth.get(public.site.earth)
+    last = [info["truth"][name][:, None] for name in ("q_nb", "vel", "pos")]
+    for first in range(0, public.num_epochs, CHUNK_EPOCHS):
+        count = min(CHUNK_EPOCHS, public.num_epochs - first)
+        motion = world.trajectory.chunk(2 * first, 2 * count)
+        fix = world.gps.fixes(motion, 2 * first)[2][0, 1::2, 0] == 1
+        q, vel, pos = (np.concatenate([a, b], axis=1) for a, b in zip(last, motion.state, strict=True))
+        last = [part[:, -1:] for part in (q, vel, pos)]
+        C = attitude.to_dcm(q)
+        mean = [x[:, :-2:2] / 6 + x[:, 1:-1:2] * (2 / 3) + x[:, 2::2] / 6 for x in (C, vel, pos)]
+        force = (vel[:, 2::2] - vel[:, :-2:2]) / h + _apparent(model, mean[1], mean[2])
+        yield Truth(first, mean[0], force, mean[1], mean[2], C[:, 2::2], motion.rate_eb_b[:, 1::2], fix)
+    env.close()
+
+
+def _apparent(model: earth.Earth, vel: Array, pos: Array) -> Array:
+    """What specific force is besides V': (2 omega_ie + omega_en) x V - g."""
+    rate_ie, rate_en = _rates(model, vel, pos)
+    out: Array = np.cross(2 * rate_ie + rate_en, vel)
+    out[..., 2] += earth.gravity(model, pos[..., 0], pos[..., 2])
+    return out
+
+
+def _rates(model: earth.Earth, vel: Array, pos: Array) -> tuple[Array, Array]:
+    """omega_ie and omega_en in n."""
+    T = earth.transport_matrix(model, pos[..., 0], pos[..., 2])
+    return earth.rate_n(model, pos[..., 0]), np.matmul(T, vel[..., None])[..., 0]
+
+
+class _Bias(NamedTuple):
+    """Three states of the errors of three like sensors."""
+
+    gyro: bool
+    std: float  #: rad/s or m/s^2
+    time_constant_s: float  #: inf: constant
+
+
+def _biases(imu: ImuSpec) -> list[_Bias]:
+    """Those that there are. Scale factors, misaligned axes and quantisation count as known: a lower bound all the same."""
+    kinds = [
+        _Bias(False, imu.accel_bias_ug * UG, math.inf),
+        _Bias(False, imu.accel_markov_ug * UG, imu.accel_markov_s),
+        _Bias(True, imu.gyro_bias_deg_h * DEG_PER_H, math.inf),
+        _Bias(True, imu.gyro_markov_deg_h * DEG_PER_H, imu.gyro_markov_s),
+    ]
+    return [kind for kind in kinds if kind.std]
+
+
+class ErrorModel:
+    """The dynamics of a world's errors, what its fixes tell of them, and what is known at the start."""
+
+    def __init__(self, world: SimulatedWorld) -> None:
+        imu, gps, prior, site = world.imu.spec, world.gps.spec, world.task.prior, world.task.site
+        self.epoch_s, self.earth, self.lever = world.task.epoch_s, earth.get(site.earth), np.asarray(gps.lever_arm_m)
+        self.biases = [(slice(9 + 3 * i, 12 + 3 * i), kind) for i, kind in enumerate(_biases(imu))]
+        std, drive = np.zeros((2, 9 + 3 * len(self.biases)))
+        known = world.settings.start == "told"
+        std[VEL] = prior.velocity_std_mps if known else UNKNOWN_VELOCITY_STD
+        std[PHI] = np.asarray(prior.attitude_std_deg) * DEG if known else UNKNOWN_ATTITUDE_STD
+        std[POS] = prior.position_std_m
+        drive[VEL], drive[PHI] = imu.vrw**2, imu.arw**2
+        for states, kind in self.biases:
+            std[states] = kind.std
+            drive[states] = 2 * kind.std**2 / kind.time_constant_s
+        self.travels, self.script = world.task.navigate, world.imu.script
+        self.states = np.array([j for j in range(len(std)) if self.travels or j not in HELD])
+        self.rows = np.arange(6 if self.travels else 2)  #: of a fix: velocity, position
+        self.n, self.P0, self._drive = len(self.states), np.diag(std[self.states] ** 2), drive
+        self.R = fix_noise(gps)[np.ix_(self.rows, self.rows)]
+        order = [*range(3, 6), *([0, 1, 2, 6, 7, 8] if self.travels else [])]
+        self.scored = np.searchsorted(self.states, order)  #: phi, or phi, velocity and position
+
+    def noise(self, truth: Truth, F: Array) -> Array:
+        """Q (runs, epochs, n, n): half of an epoch's white noise goes through F, half does not."""
+        count = F.shape[1]
+        drive = np.repeat(self._drive[None], count, axis=0)
+        for states, wave in ((VEL, self.script.accel_wave), (PHI, self.script.gyro_wave)):
+            if wave:
+                drive[:, states] *= wave.rms(truth.first, count, self.epoch_s)[:, None] ** 2
+        D = drive[:, self.states, None] * np.eye(self.n)
+        return 0.5 * self.epoch_s * (D + F @ D @ F.mT)
+
+    def transitions(self, truth: Truth) -> Array:
+        """F (runs, epochs, n, n): the exponential of the mean dynamics, to third order."""
+        skew, vel = attitude.skew, truth.vel
+        T = earth.transport_matrix(self.earth, truth.pos[..., 0], truth.pos[..., 2])
+        rate_ie, rate_en = _rates(self.earth, vel, truth.pos)
+        full = 9 + 3 * len(self.biases)
+        A = np.zeros((*vel.shape[:-1], full, full))
+        A[..., VEL, VEL] = skew(vel) @ T - skew(2 * rate_ie + rate_en)
+        A[..., VEL, PHI] = skew(truth.force)
+        A[..., PHI, VEL] = T
+        A[..., PHI, PHI] = -skew(rate_ie + rate_en)
+        for states, kind in self.biases:
+            A[..., PHI if kind.gyro else VEL, states] = -truth.C if kind.gyro else truth.C
+            A[..., states, states] = -np.eye(3) / kind.time_constant_s
+        if self.travels:
+            self._add_position(A, truth)
+        A = A[..., self.states[:, None], self.states] * self.epoch_s
+        A2 = A @ A
+        F: Array = np.eye(self.n) + A + A2 / 2 + A2 @ A / 6
+        return F
+
+    def _add_position(self, A: Array, truth: Truth) -> None:
+        """What an error of position does, and what becomes of it, in place."""
+        vel, pos = truth.vel, truth.pos
+        R_M, R_N = (radius + pos[..., 2] for radius in earth.radii(self.earth, pos[..., 0]))
+        for axis, step, metres in ((0, STEP_RAD, STEP_RAD * R_M), (2, STEP_M, STEP_M)):
+            ahead, behind = pos.copy(), pos.copy()
+            ahead[..., axis] += step
+            behind[..., axis] -= step
+            scale = 0.5 / np.asarray(metres)[..., None]
+            (ie, en), (ie_behind, en_behind) = (_rates(self.earth, vel, place) for place in (ahead, behind))
+            state = 7 if axis == 0 else 8
+            A[..., PHI, state] = (ie + en - ie_behind - en_behind) * scale
+            A[..., VEL, state] = (_apparent(self.earth, vel, behind) - _apparent(self.earth, vel, ahead)) * scale
+        A[..., POS, VEL] = np.eye(3)
+        (east, north, up), tan = np.moveaxis(vel, -1, 0), np.tan(pos[..., 0])
+        A[..., 6, 6], A[..., 6, 7], A[..., 6, 8] = (up - north * tan) / R_N, east * tan / R_N, -east / R_N
+        A[..., 7, 7], A[..., 7, 8] = up / R_M, -north / R_M
+
+    def sensitivity(self, truth: Truth) -> Array:
+        """H (runs, epochs, m, n) of the antenna's velocity, V + C (omega_eb x lever arm), and position, p + C lever arm."""
+        H = np.zeros((*truth.vel.shape[:-1], 6, 9 + 3 * len(self.biases)))
+        H[..., :3, VEL] = H[..., 3:, POS] = np.eye(3)
+        if self.lever.any():
+            C, skew = truth.C_end, attitude.skew
+            H[..., :3, PHI] = skew(np.matmul(C, np.cross(truth.rate_end, self.lever)[..., None])[..., 0])
+            H[..., 3:, PHI] = skew(C @ self.lever)
+            for states, kind in self.biases:
+                if kind.gyro:
+                    H[..., :3, states] = -(C @ skew(self.lever))
+        return H[..., self.rows[:, None], self.states]

@@ -1,0 +1,59 @@
+"""What fixes with errors that are not Gaussian tell: their Fisher information. flight.md sections 4 and 5."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from sins_env.arrays import Array
+from sins_env.specs import GpsSpec
+
+FIX_DIMENSION = 6  #: one factor scales all errors of a fix, so that each component tells something of the others'
+LEAST_STD = 1e-6  #: m/s and m, of a perfect receiver, so that S can be inverted
+LEAST_SCALE = 1e-12  #: of the variance of contaminated fixes, for the same reason
+
+
+def fix_noise(gps: GpsSpec) -> Array:
+    """R (6, 6) of a Gaussian that tells as much of velocity (m/s) and position (m) as a fix does.
+
+    A jump counts as known; whoever has to find it does worse.
+    """
+    std = np.maximum([*gps.vel_std, *gps.pos_std], LEAST_STD)
+    return np.diag(std**2) / fisher_factor(gps, FIX_DIMENSION)
+
+
+def fisher_factor(gps: GpsSpec, dimension: int) -> float:
+    """Fisher information of the mean of a fix's error vector, in units of R^-1: 1 for a Gaussian.
+
+    The vector is s v0, v0 ~ N(0, R), with s^2 = ``contamination_factor`` in a share of the fixes, and times
+    dof / chi^2(dof) for heavy tails. With q = v' R^-1 v and the density g(q), it is E[q (2 g'/g)^2] / dimension.
+    """
+    from scipy import integrate  # slow to import
+
+    dof, m = gps.heavy_tail_dof, dimension
+    share = np.array([1 - gps.contamination, gps.contamination])
+    scale = np.array([1.0, max(gps.contamination_factor, LEAST_SCALE)])[share > 0]
+    share = share[share > 0]
+    log_size = np.log(share) - 0.5 * m * np.log(scale)
+    if dof:
+        log_size += math.lgamma(0.5 * (dof + m)) - math.lgamma(0.5 * dof) - 0.5 * m * math.log(math.pi * dof)
+    else:
+        log_size -= 0.5 * m * math.log(2 * math.pi)
+    log_sphere = math.log(2) + 0.5 * m * math.log(math.pi) - math.lgamma(0.5 * m)  # surface of the unit sphere
+
+    def integrand(log_r: float) -> float:
+        q = math.exp(2 * log_r)
+        if dof:
+            log_g = log_size - 0.5 * (dof + m) * np.log1p(q / (dof * scale))
+            slope = (dof + m) / (dof * scale + q)
+        else:
+            log_g, slope = log_size - 0.5 * q / scale, 1 / scale
+        weight = np.exp(log_g - log_g.max())
+        slope = (weight @ slope) / weight.sum()  # -2 g'/g of the mixture
+        density = math.exp(log_sphere + m * log_r + log_g.max()) * weight.sum()  # of log r
+        return float(q * slope**2 * density)
+
+    bumps = 0.5 * np.log(m * scale)
+    found, _ = integrate.quad(integrand, bumps.min() - 12, bumps.max() + 20, epsabs=1e-12, limit=400, points=bumps)
+    return float(found) / m

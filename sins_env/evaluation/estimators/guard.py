@@ -1,0 +1,111 @@
+"""The border between the evaluation and an estimator: whatever it raises or returns has a defined outcome."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import types
+from sins_env.arrays import Array
+
+MAX_TRACEBACK = 6000  #: characters kept
+
+
+class EstimatorError(Exception):
+    """An estimator raised, returned what is no action, took too long, or ended its process.
+
+    ``__cause__`` is its own exception, or ``trace`` its traceback where that happened in another process.
+    """
+
+    trace = ""
+
+    @property
+    def text(self) -> str:
+        """The traceback, or what was wrong where there is none."""
+        cause = self.__cause__
+        return self.trace or ("".join(traceback.format_exception(cause))[-MAX_TRACEBACK:] if cause else str(self))
+
+
+class Guard:
+    """An estimator whose exceptions and malformed returns become :class:`EstimatorError`, with a clock."""
+
+    def __init__(self, estimator: Any, num_runs: int) -> None:
+        self.estimator, self.num_runs = estimator, num_runs
+        self.batched = bool(estimator.batched)
+        self.seconds, self.steps = 0.0, 0
+        self.navigate = False  #: what the task of the last reset asks for
+
+    def _call(self, name: str, *args: Any) -> Any:
+        try:
+            with np.errstate():  # what it sets with numpy.seterr is its own
+                return getattr(self.estimator, name)(*args)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            raise EstimatorError(f"{name} raised {type(error).__name__}: {' '.join(str(error).split())}") from error
+
+    def offers(self, name: str) -> bool:
+        try:
+            return hasattr(self.estimator, name)
+        except Exception as error:
+            raise EstimatorError(f"{name} raised {type(error).__name__}: {' '.join(str(error).split())}") from error
+
+    def reset(self, task: types.Task, rngs: Sequence[np.random.Generator]) -> None:
+        self.navigate = task.navigate
+        if self.batched:
+            self._call("reset", task, rngs, self.num_runs)
+        else:
+            start = task.start and types.NavState(*(part[0] for part in task.start))
+            self._call("reset", replace(task, start=start), rngs[0], 1)
+
+    def step(self, obs: Any) -> Array:
+        """(R, 4), or (R, 10) of a navigation task; only the estimator's own time is counted."""
+        if not self.batched:
+            obs = {name: value[0] for name, value in obs.items()}
+        begin = time.perf_counter()
+        action = self._call("step", obs)
+        self.seconds += time.perf_counter() - begin
+        self.steps += 1
+        return self._array("step", action, 10 if self.navigate else 4)
+
+    def covariance(self) -> Array | None:
+        """(R, 3, 3) rad^2, or (R, 9, 9) of a navigation task; None where the estimator has none."""
+        n = 9 if self.navigate else 3
+        return self._array("covariance", self._call("covariance"), n, n) if self.offers("covariance") else None
+
+    def _array(self, name: str, value: Any, *shape: int) -> Array:
+        """A copy as float64: an estimator may use its buffer again."""
+        expected = (self.num_runs, *shape) if self.batched else shape
+        what = f"a {type(value).__name__}"
+        try:
+            given = np.asarray(value)
+            what += f" of {given.dtype}" if given.ndim else ""
+            if given.dtype.kind not in ("biufO" if given.ndim else "biuf"):
+                raise TypeError("text, complex numbers, times, records or None are no real numbers")
+            array = np.array(given, dtype=np.float64)
+        except Exception as error:
+            raise EstimatorError(f"{name} returned {what}; allowed: shape {expected}") from error
+        if array.shape != expected:
+            raise EstimatorError(f"{name} returned shape {array.shape}; allowed: {expected}")
+        return array.reshape(self.num_runs, *shape)
+
+    def health(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Covariance repairs, fallbacks, and the epoch at which each run froze (-1: none), where they are reported."""
+        if not self.offers("health"):
+            none = np.zeros(self.num_runs, dtype=np.int64)
+            return none, none, none - 1
+        health = self._call("health")
+        try:
+            repairs, fallbacks, frozen = (
+                np.broadcast_to(np.asarray(value, dtype=np.int64), (self.num_runs,))
+                for value in (health.repairs, getattr(health, "fallbacks", 0), health.failed_at)
+            )
+        except Exception as error:
+            raise EstimatorError(f"health returned {type(health).__name__} without repairs and failed_at") from error
+        return repairs, fallbacks, frozen

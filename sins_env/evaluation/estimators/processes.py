@@ -1,0 +1,46 @@
+"""What every spawned process shares: who hears Ctrl-C, how many threads it takes, and when it ends."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+from sins_env.evaluation.estimators.memory import keep_freed_memory
+
+CANNOT_START = (
+    "worker processes cannot start; a script must call evaluate() under if __name__ == '__main__': (or pass workers=1)"
+)
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Ctrl-C waits until this ends; processes that start meanwhile never see it (they inherit the mask)."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def prepare() -> None:
+    """For a new process: Ctrl-C is its parent's to handle, one BLAS thread, and no life without its parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threadpool_limits(1)
+    keep_freed_memory()
+    threading.Thread(target=_die_with_parent, daemon=True).start()
+
+
+def _die_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

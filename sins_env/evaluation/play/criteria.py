@@ -1,0 +1,121 @@
+"""What runs of a task are held against: times, thresholds and limits. evaluation.md section 1."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import types
+from sins_env.arrays import Array
+from sins_env.envs.reward import WORST_PHI, WORST_POS, WORST_VEL
+from sins_env.evaluation.tasks.task import EvaluationTask
+
+AXES = ("E", "N", "U")
+#: Of an error, the first three or all: rad, m/s, m, rad. The last three are differences of Euler angles.
+COMPONENTS = (
+    "phi_e", "phi_n", "phi_u", "vel_e", "vel_n", "vel_u", "pos_e", "pos_n", "pos_u", "heading", "pitch", "roll",
+)  # fmt: skip
+WORST = np.concatenate([WORST_PHI, WORST_VEL, WORST_POS, np.full(3, np.pi)])
+NEES_AT = (0.25, 0.5, 0.75, 1.0)  #: parts of the fine phase at which the consistency is taken
+STEADY_LEAST_S, STEADY_PART = 60.0, 0.2
+DIVERGED_SIGMAS = 10.0
+DIVERGED_UNKNOWN = np.radians([10.0, 10.0, 90.0])  #: limits E, N, U after an unknown start
+MAX_HISTORY = 21_600  #: 6 h at 1 Hz; longer episodes are kept at a longer interval
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """What a run is held against. Times in s from switch-on."""
+
+    epoch_s: float
+    num_epochs: int
+    coarse_epochs: int
+    delta: Array  #: (3,) rad thresholds of convergence
+    limit: Array  #: beyond which a run has diverged: (3,) rad, or (9,) rad, m/s and m
+    hold_s: float
+    known_start: bool = True
+    scored: bool = True  #: False for a recording without a reference: there are no errors then
+    lost_heading: bool = False  #: a start that may be anywhere: the limit in azimuth holds in the steady state only
+    navigates: bool = False
+    span_from: int = 1  #: the first epoch over which the errors of a navigation task are averaged
+    final_limit: float = math.inf  #: rad in azimuth at T beyond which a run has failed
+
+    @classmethod
+    def of(cls, task: EvaluationTask, public: types.Task, scored: bool = True) -> Criteria:
+        known = public.start is not None
+        limit = DIVERGED_SIGMAS * np.sqrt(np.diagonal(public.prior.P0))[: 9 if public.navigate else 3]
+        if not known:
+            limit[:3] = DIVERGED_UNKNOWN
+        lost_heading = bool(limit[2] >= math.pi)
+        if lost_heading:
+            limit[2] = DIVERGED_UNKNOWN[2]
+        return cls(
+            epoch_s=public.epoch_s,
+            num_epochs=public.num_epochs,
+            coarse_epochs=round(public.coarse_s / public.epoch_s),
+            delta=task.delta,
+            limit=limit,
+            hold_s=task.hold_s,
+            known_start=known,
+            scored=scored,
+            lost_heading=lost_heading,
+            navigates=public.navigate,
+            span_from=max(round(task.score_from_s / public.epoch_s), round(public.coarse_s / public.epoch_s)) + 1,
+            final_limit=math.inf if task.fail_azimuth_deg is None else math.radians(task.fail_azimuth_deg),
+        )
+
+    @property
+    def components(self) -> int:
+        """Of an error: those of COMPONENTS that are scored."""
+        return len(COMPONENTS) if self.navigates else len(AXES)
+
+    @property
+    def worst(self) -> Array:
+        """(components,) of a failed epoch, or of one that a run did not live to see."""
+        return WORST[: self.components]
+
+    @property
+    def span(self) -> NDArray[np.bool_]:
+        """(S,) which samples of the history belong to the span over which navigation is scored."""
+        sampled: NDArray[np.bool_] = self.history_t >= (self.span_from - 0.5) * self.epoch_s
+        return sampled
+
+    @property
+    def duration_s(self) -> float:
+        return self.num_epochs * self.epoch_s
+
+    @property
+    def coarse_s(self) -> float:
+        return self.coarse_epochs * self.epoch_s
+
+    @property
+    def horizon_s(self) -> float:
+        """The latest time of convergence that can be seen, from the start of fine alignment."""
+        return max(self.duration_s - self.coarse_s - self.hold_s, 0.0)
+
+    @property
+    def steady_from(self) -> int:
+        """The first epoch of the steady state: the last max(60 s, 20 %), at most the fine phase."""
+        length = max(STEADY_LEAST_S, STEADY_PART * self.duration_s)
+        return max(self.num_epochs - round(length / self.epoch_s), self.coarse_epochs) + 1
+
+    @property
+    def history_stride(self) -> int:
+        """Epochs from one sample of the history to the next."""
+        second = max(round(1.0 / self.epoch_s), 1)
+        return second * max(math.ceil(self.num_epochs / second / MAX_HISTORY), 1)
+
+    @property
+    def history_t(self) -> NDArray[np.floating[Any]]:
+        """Times of the history, s."""
+        return np.arange(self.history_stride, self.num_epochs + 1, self.history_stride) * self.epoch_s
+
+    @property
+    def nees_epochs(self) -> tuple[int, ...]:
+        """Where the covariance is asked for; none after an unknown start, whose spread no prior states."""
+        fine = self.num_epochs - self.coarse_epochs
+        return tuple(self.coarse_epochs + max(round(part * fine), 1) for part in NEES_AT) if self.known_start else ()

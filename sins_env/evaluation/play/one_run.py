@@ -1,0 +1,69 @@
+"""One run with its errors at every epoch, for figures and examples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env.arrays import Array
+from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.estimators.isolation import check_timeout
+from sins_env.evaluation.play.playing import Job, Observer, made, play
+from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.tasks.task import EvaluationTask, get_task, run_numbers
+
+
+@dataclass(frozen=True)
+class Course:
+    """One run at full rate, for figures."""
+
+    records: Records
+    t: NDArray[np.floating[Any]]  #: (K,) s
+    errors: Array  #: (K, 3) rad, or (K, 9) rad, m/s and m; NaN where the recording has no reference
+    sigma: Array  #: of the same shape, the estimator's own; NaN where it states none
+
+    @property
+    def phi(self) -> Array:
+        """(K, 3) rad."""
+        return self.errors[:, :3]
+
+
+def run_episode(
+    task: str | EvaluationTask,
+    solver: finding.Solver,
+    run: int = 0,
+    seed: int | None = None,
+    *,
+    settings: dict[str, Any] | None = None,
+    observer: Observer | None = None,
+    epoch_timeout_s: float | None = None,
+) -> Course:
+    """Play one run of the task's suite (or of the suite of ``seed``) and keep its errors at every epoch.
+
+    Args:
+        epoch_timeout_s: as for ``evaluate``; infinity gives the solver a process of its own without a limit.
+
+    Raises:
+        ValueError, FileNotFoundError: a task, a run, settings or a solver that do not fit.
+    """
+    task = get_task(task)
+    (run,) = run_numbers([run])
+    task.check_runs(run + 1)
+    check_timeout(epoch_timeout_s)
+    kept: list[Array] = []
+    sigmas: list[Array] = []
+
+    def keep(k: int, errors: Array, sigma: Array | None) -> None:
+        kept.append(errors[0])
+        sigmas.append(np.full(errors.shape[1], np.nan) if sigma is None else sigma[0])
+        if observer:
+            observer(k, errors, sigma)
+
+    job = Job(task, solver, (run,), dict(settings or {}), seed, epoch_timeout_s)
+    with made(job) as estimator:
+        records = play(job, estimator, observer=keep)
+    t, width = (1 + np.arange(len(kept))) * records.criteria.epoch_s, 9 if records.criteria.navigates else 3
+    return Course(records, t, np.array(kept).reshape(-1, width), np.array(sigmas).reshape(-1, width))

@@ -1,0 +1,233 @@
+"""Playing runs: one estimator against the vector environment, in lockstep, and what becomes of failures.
+
+The estimator gets observations and the public Task only. An exception is a failed run with its traceback on
+record; if a batched estimator raises, its batch is halved until the runs at fault stand alone, so that the
+others keep their scores. The same holds for a call that takes too long, or that ends the estimator's process,
+where the estimator has one (``epoch_timeout_s``): a run has failed if it takes longer than that alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import attitude, types
+from sins_env.arrays import Array
+from sins_env.envs.reward import failed_epochs
+from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.estimators.guard import EstimatorError, Guard
+from sins_env.evaluation.estimators.isolation import Isolated
+from sins_env.evaluation.play.criteria import Criteria
+from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.play.scoring import Scorer, euler_errors, nees
+from sins_env.evaluation.tasks.task import EvaluationTask, is_scored, solver_rng
+
+Tick = Callable[[int], None]  #: run-epochs done so far
+#: k, errors (R, 3) rad or (R, 9) rad, m/s, m, and as many sigmas or None; called after each epoch
+Observer = Callable[[int, Array, Array | None], None]
+
+BLOCK_EPOCHS = 100  #: errors are scored in blocks of so many epochs
+
+
+@dataclass(frozen=True)
+class Job:
+    """Some runs of one solver on one task: all that a worker needs, picklable."""
+
+    task: EvaluationTask
+    solver: finding.Solver
+    runs: tuple[int, ...]
+    settings: dict[str, Any] = field(default_factory=dict)
+    suite_seed: int | None = None
+    #: s that one call of the estimator may take; it then has a process of its own, as it has at infinity. None: neither
+    epoch_timeout_s: float | None = None
+
+    def make(self) -> Any:
+        """An estimator, fresh."""
+        if self.epoch_timeout_s is None:
+            return finding.make(self.solver, self.settings)
+        return Isolated(self.solver, self.settings, self.epoch_timeout_s)
+
+    def rngs(self) -> list[np.random.Generator]:
+        name = finding.solver_name(self.solver)
+        return [solver_rng(self.task, name, run, self.suite_seed) for run in self.runs]
+
+
+def run_job(job: Job, tick: Tick | None = None) -> Records:
+    """Play the runs of a job and score them.
+
+    Raises:
+        ValueError, FileNotFoundError: settings of the task or the solver that do not fit. Never what an
+            estimator raises while it runs: that is on record.
+    """
+    done = _Counter(tick)
+    with made(job) as estimator:
+        parts = [job.runs] if estimator.batched else [(run,) for run in job.runs]
+        return Records.concat([_play_or_split(replace(job, runs=runs), estimator, done) for runs in parts])
+
+
+@contextmanager
+def made(job: Job) -> Iterator[Any]:
+    """An estimator whose process, if it has one, ends with this."""
+    estimator = job.make()
+    try:
+        yield estimator
+    finally:
+        if isinstance(estimator, Isolated):
+            estimator.close()
+
+
+class _Counter:
+    """Run-epochs done, for the progress display."""
+
+    def __init__(self, tick: Tick | None) -> None:
+        self.tick, self.total = tick, 0
+
+    def __call__(self, count: int) -> None:
+        self.total += count
+        if self.tick:
+            self.tick(self.total)
+
+
+def _play_or_split(job: Job, estimator: Any, done: _Counter) -> Records:
+    """Play a batch; where its estimator raises, halve it (and make it afresh, its state is unknown)."""
+    before = done.total
+    try:
+        return play(job, estimator, done)
+    except EstimatorError:
+        done.total = before
+        middle = len(job.runs) // 2
+        halves = [replace(job, runs=runs) for runs in (job.runs[:middle], job.runs[middle:])]
+        return Records.concat([_play_or_split(half, _afresh(job, estimator), done) for half in halves])
+
+
+def _afresh(job: Job, estimator: Any) -> Any:
+    if not isinstance(estimator, Isolated):
+        return job.make()
+    estimator.renew()
+    return estimator
+
+
+def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer | None = None) -> Records:
+    """One batch from the first observation to the last step.
+
+    Raises:
+        EstimatorError: the estimator failed in a batch of several runs; with one run it is on record instead.
+    """
+    runs = len(job.runs)
+    env = job.task.make(runs)
+    obs, _ = job.task.reset(env, job.runs, job.suite_seed)
+    public: types.Task = env.unwrapped.task  # type: ignore[attr-defined]
+    criteria = Criteria.of(job.task, public, is_scored(env))
+    guard = estimator.guard(runs) if isinstance(estimator, Isolated) else Guard(estimator, runs)
+    scorer = Scorer(criteria, runs)
+    ask = {epoch: i for i, epoch in enumerate(criteria.nees_epochs)}
+    block = _Block(criteria, runs)
+    action = np.full((runs, 4), np.nan)
+    outcome: dict[str, Any] = {}
+    try:
+        guard.reset(public, job.rngs())
+        for k in range(1, criteria.num_epochs + 1):
+            action = guard.step(obs)
+            P = guard.covariance() if k in ask or (observer and criteria.known_start) else None
+            obs, _, _, _, info = env.step(action)
+            errors = block.keep(action, info)
+            if k in ask and P is not None:
+                scorer.nees[:, ask[k]] = nees(errors[:, :3], P[:, :3, :3])
+                if criteria.navigates:
+                    scorer.nees_all[:, ask[k]] = nees(errors, P)
+            if observer:
+                observer(k, errors, None if P is None else np.sqrt(np.abs(np.diagonal(P, axis1=-2, axis2=-1))))
+            if block.length == BLOCK_EPOCHS or k == criteria.num_epochs:
+                count = block.hand_over(scorer)
+                if done:
+                    done(runs * count)
+        outcome["repairs"], outcome["fallbacks"], frozen = guard.health()
+    except EstimatorError as error:
+        if runs > 1:
+            raise
+        frozen = np.full(1, -1)
+        action = np.full((1, 4), np.nan)  # its heading is none
+        block.hand_over(scorer)
+        at = (scorer.k + 1) * criteria.epoch_s
+        outcome |= {
+            "status": np.array(["raised"]),
+            "reason": (f"{error}, at {min(at, criteria.duration_s):.1f} s",),
+        }
+        outcome["traceback"] = (error.text,)
+        scorer.fill()
+    finally:
+        env.close()
+    outcome |= {
+        "heading": _heading(action),
+        "step_s": np.full(runs, guard.seconds / (runs * max(guard.steps, 1))),
+    }
+    return _with_frozen(scorer.records(job.runs, **outcome), frozen)
+
+
+class _Block:
+    """Some epochs' errors on their way to the scorer: what is worked out from them is worked out for all at once."""
+
+    def __init__(self, criteria: Criteria, runs: int) -> None:
+        self.criteria, self.length = criteria, 0
+        self.errors = np.full((runs, BLOCK_EPOCHS, criteria.components), np.nan)
+        self.q_nb = np.empty((runs, BLOCK_EPOCHS, 4))
+        self.failed = np.zeros((runs, BLOCK_EPOCHS), dtype=bool)
+
+    def keep(self, action: Array, info: dict[str, Any]) -> Array:
+        """Take an epoch; its errors but for those of the Euler angles, (R, 3) or (R, 9), NaN without a reference."""
+        at, kinds = self.length, ("phi", "vel", "pos") if self.criteria.navigates else ("phi",)
+        now = self.errors[:, at, : 3 * len(kinds)]
+        if self.criteria.scored:
+            now[:] = np.concatenate([info["errors"][kind] for kind in kinds], axis=1)
+        self.failed[:, at], self.q_nb[:, at] = info["failed"], action[:, :4]
+        self.length += 1
+        return now.copy()
+
+    def hand_over(self, scorer: Scorer) -> int:
+        """Have these epochs scored, and begin again; how many they were."""
+        count, self.length = self.length, 0
+        errors, failed = self.errors[:, :count], self.failed[:, :count]
+        if count and self.criteria.navigates and self.criteria.scored:
+            q = np.where(failed[..., None], [1.0, 0.0, 0.0, 0.0], self.q_nb[:, :count])
+            errors[..., 9:] = euler_errors(q, errors[..., :3])
+            errors[failed] = self.criteria.worst
+        if count:
+            scorer.add(errors, failed)
+        return count
+
+
+def _heading(action: Array) -> Array:
+    """(R,) rad of the last actions; NaN where they are no attitude."""
+    q = np.where(failed_epochs(action)[:, None], np.nan, action[:, :4])
+    return attitude.to_euler(attitude.to_dcm(attitude.normalize(q)))[0]
+
+
+def _with_frozen(records: Records, frozen: NDArray[np.int64]) -> Records:
+    """Name the runs that the estimator itself gave up (and that did not diverge or raise besides)."""
+    if not (frozen >= 0).any():
+        return records
+    hit = (frozen >= 0) & (records.status == "ok")
+    status = np.where(hit, "frozen", records.status)
+    epoch = records.criteria.epoch_s
+    reason = [
+        f"the estimator gave up at {frozen[i] * epoch:.1f} s" if hit[i] else text
+        for i, text in enumerate(records.reason)
+    ]
+    return replace(records, status=status, reason=tuple(reason))
+
+
+def lost_records(job: Job, why: str) -> Records:
+    """Records of runs whose worker died: every epoch failed."""
+    env = job.task.make(len(job.runs))
+    job.task.reset(env, job.runs, job.suite_seed)
+    criteria = Criteria.of(job.task, env.unwrapped.task, is_scored(env))  # type: ignore[attr-defined]
+    env.close()
+    scorer = Scorer(criteria, len(job.runs))
+    scorer.fill()
+    count = len(job.runs)
+    return scorer.records(job.runs, status=np.array(["lost"] * count), reason=(why,) * count)

@@ -1,0 +1,115 @@
+"""The figure of a ``replay`` that navigates: the way, and the errors of heading, velocity and position along it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sins_env import earth
+from sins_env.arrays import Array
+from sins_env.evaluation.replay.angles_figure import REFERENCE, colours, window_label, windows_text
+from sins_env.evaluation.replay.replaying import Replay
+from sins_env.evaluation.replay.track import Track
+
+if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+_FIX, _UP = "#D55E00", "#009E73"
+_KINDS = (("velocity error", "m/s"), ("position error", "m"), ("displacement error", "m"))
+
+
+def track_figure(one: Replay) -> Figure:
+    """The way with reference and fixes; beside it what is wrong with it."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    track = one.track
+    assert track is not None
+    out = Figure(figsize=(13.0, 8.4), layout="constrained")
+    FigureCanvasAgg(out)
+    grid = out.add_gridspec(4, 2, width_ratios=[1, 1.25])
+    way = out.add_subplot(grid[:, 0])
+    panels = [out.add_subplot(grid[0, 1])]
+    panels += [out.add_subplot(grid[i, 1], sharex=panels[0]) for i in (1, 2, 3)]
+    _draw_way(way, one, track)
+    _draw_heading(panels[0], one)
+    errors = [[(one.t, part[i]) for i in range(len(one.starts))] for part in (track.vel_error, track.pos_error)]
+    errors.append([track.displacement_errors(i) for i in range(len(one.starts))])
+    for axes, (name, unit), courses in zip(panels[1:], _KINDS, errors, strict=True):
+        _draw_errors(axes, one, name, unit, courses)
+    for axes in panels:
+        axes.set_xlim(0, one.t[-1])
+        axes.grid(alpha=0.35, linewidth=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.tick_params(labelsize=9, labelbottom=axes is panels[-1])
+        if one.coarse_s:
+            axes.axvspan(0, one.coarse_s, color="0.5", alpha=0.15, linewidth=0)
+    panels[-1].set_xlabel("time in the window, s" + ("; shaded: coarse phase" if one.coarse_s else ""))
+    out.suptitle(f"{one.solver} on {one.recording}, {windows_text(one)}", x=0.01, ha="left", fontsize=12)
+    return out
+
+
+def _draw_way(axes: Axes, one: Replay, track: Track) -> None:
+    """From above, metres from the site; the reference is the estimate without its error."""
+    site, model = track.recording.site.pos, earth.get(track.recording.site.earth)
+
+    def metres(pos: Array) -> tuple[Array, Array]:
+        east, north, _ = np.moveaxis(earth.offset(model, np.broadcast_to(site, pos.shape), pos), -1, 0)
+        return east, north
+
+    for i, colour in enumerate(colours(len(one.starts))):
+        fine = track.pos[i, track.fine]
+        axes.plot(*metres(fine), color=colour, linewidth=1.4, label=window_label(one, i))
+        axes.plot(*metres(fine[:1]), "o", color=colour, markersize=5, label="start" if i == 0 else None)
+        if one.reference is not None:
+            truth = earth.displace(model, fine, -track.pos_error[i, track.fine])
+            label = "reference" if i == 0 else None
+            axes.plot(*metres(truth), color=REFERENCE, linewidth=0.9, linestyle=(0, (4, 2)), label=label)
+        label = "fixes of the antenna" if i == 0 else None
+        axes.plot(*metres(track.fixes[i]), ".", color=_FIX, markersize=4, label=label)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="east of the site, m", ylabel="north of the site, m")
+    axes.grid(alpha=0.35, linewidth=0.6)
+    axes.set_title("the way after the coarse phase" if one.coarse_s else "the way", fontsize=10, loc="left")
+    axes.legend(frameon=False, fontsize=9, loc="best")
+
+
+def _draw_heading(axes: Axes, one: Replay) -> None:
+    if one.reference is None:
+        axes.set_title("no reference: heading cannot be scored", fontsize=10, loc="left")
+        return
+    error = np.degrees(one.scatter[..., 0])
+    for i, colour in enumerate(colours(len(one.starts))):
+        axes.plot(one.t, error[i], color=colour, linewidth=1.1)
+    late = np.abs(error[:, one.t > 0.5 * one.coarse_s])
+    most = float(np.nanmax(late)) if np.isfinite(late).any() else 1.0
+    axes.set_ylim(-1.1 * most, 1.1 * most)
+    axes.axhline(0.0, color=REFERENCE, linewidth=0.8)
+    rms = np.degrees(np.sqrt(np.nanmean(np.square(one.scatter[:, -1, 0]))))
+    axes.set_title(f"heading error   at the end {rms:.3f} deg{' RMS' * (len(error) > 1)}", fontsize=10, loc="left")
+    axes.set_ylabel("deg")
+
+
+def _draw_errors(axes: Axes, one: Replay, name: str, unit: str, courses: list[tuple[Array, Array]]) -> None:
+    """Horizontal size and vertical error of each window, after the coarse phase; points where they are few."""
+    shown = []
+    for i, ((t, error), colour) in enumerate(zip(courses, colours(len(courses)), strict=True)):
+        late = t > one.coarse_s
+        style = {"marker": ".", "linestyle": "none"} if len(t) < 0.5 * len(one.t) else {"linewidth": 1.1}
+        horizontal = np.linalg.norm(error[late, :2], axis=-1)
+        for values, shade, label in ((horizontal, colour, "horizontal"), (error[late, 2], _UP, "up")):
+            axes.plot(t[late], values, color=shade, label=label if i == 0 else None, **style)
+        shown.append(error[late])
+    everything = np.concatenate(shown)
+    axes.axhline(0.0, color=REFERENCE, linewidth=0.8)
+    axes.set_ylabel(unit)
+    if not np.isfinite(everything).any():
+        axes.set_title(f"{name}: nothing to compare with", fontsize=10, loc="left")
+        return
+    squares = np.nanmean(np.square(everything), axis=0)
+    rms = f"RMS {np.sqrt(squares[:2].sum()):.3f} {unit} horizontal, {np.sqrt(squares[2]):.3f} {unit} up"
+    axes.set_title(f"{name}   {rms}", fontsize=10, loc="left")
+    axes.legend(frameon=False, fontsize=8, loc="upper left", ncols=2)

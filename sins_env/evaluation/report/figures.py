@@ -1,0 +1,275 @@
+"""The report's figures of one task, each a small panel of its own that a phone can show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sins_env.arrays import Array
+from sins_env.evaluation.bound.bounds import Bound
+from sins_env.evaluation.report.panel import Drawing, Panel, Task
+from sins_env.evaluation.report.svg import PAGE
+from sins_env.evaluation.score.metrics import success_profile
+from sins_env.evaluation.score.quantities import QUANTITIES
+from sins_env.evaluation.score.ranking import about
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.show.columns import success_text
+from sins_env.evaluation.show.error_figure import error_curve, size_of
+from sins_env.evaluation.show.numbers import angle, number
+from sins_env.units import ARCSEC, DEG
+
+SAMPLES = 140  #: of a curve over time
+
+
+def drawings(task: Task) -> list[Drawing]:
+    """All figures of a task; of a recording without a reference its spread against the cost."""
+    costs = [_cost(task)] if any(one.cost for one in task.lines) else []
+    if not task.lines[0].summary.scored:
+        return costs
+    curves = CURVES if task.lines[0].summary.navigation is not None else CURVES[:2]
+    over_time = [_over_time(task, curve) for curve in curves]
+    return [*over_time, _aligned(task), _profile(task, azimuth=True), _profile(task, azimuth=False), *costs]
+
+
+def _best(task: Task, say: Any) -> str:
+    """'ckf 731", ekf 783", ...' of the first five."""
+    more = f"; and {len(task.lines) - 5} more" if len(task.lines) > 5 else ""
+    return ", ".join(f"{one.label} {say(one)}" for one in task.lines[:5]) + more
+
+
+def _shown(one: Results, axis: str = "U") -> str:
+    text = angle(one.summary.rms[axis])
+    return text if text.endswith("°") else f"{text}″"
+
+
+def _over_time(task: Task, curve: Curve) -> Drawing:
+    parts, unit, name = list(curve.parts), curve.unit, curve.name
+    of_component = len(parts) > 1 and task.lines[0].summary.navigation is None  # as the columns of the table
+    panel, criteria = Panel(task, f"t-{curve.quantity}"), task.lines[0].records.criteria
+    axes, all_t = panel.axes, np.asarray(criteria.history_t, dtype=float)
+    picked = np.unique(np.linspace(0, len(all_t) - 1, SAMPLES).round().astype(int))
+    t, least = all_t[picked], np.inf
+    for one in task.back_to_front:
+        told = panel.told(one)
+        size = size_of(one.records.history[:, picked][..., parts], of_component)
+        value, low, high = error_curve(size, unit, 400 if told else 1)
+        style = panel.style(one)
+        if told and len(one.records) > 1:
+            axes.fill_between(t, low, high, color=style["color"], alpha=0.16, linewidth=0, zorder=2)
+        axes.plot(t, value, **style)
+        least = min(least, float(np.nanmin(value, initial=np.inf)))
+    axial = parts[0] < 3 and (of_component or len(parts) == 1)  # a threshold is of a component
+    delta = float(criteria.delta[parts[0]]) / unit if axial else None
+    if delta is not None:
+        axes.axhline(delta, color=PAGE["ink"], linestyle=(0, (1, 2)), linewidth=1.2)
+    if task.bound and max(parts) < task.bound.sigma.shape[1]:
+        sigma = size_of(task.bound.sigma[:, parts], of_component) / unit
+        axes.plot(task.bound.t, sigma, **_bound_style(task.bound))
+        least = min(least, float(sigma.min()))
+    if criteria.coarse_s:
+        axes.axvspan(0, criteria.coarse_s, color=PAGE["grid"], alpha=0.5, linewidth=0)
+    axes.set_yscale("log")
+    if np.isfinite(least):
+        axes.set_ylim(bottom=max(0.8 * least, 1e-4 * (delta or 0.0)))
+    what = f"RMS of the {name} error over runs against time. {curve.said(task)}."
+    caption = "RMS over runs with 95 % bands" + (", of a component" if of_component else "")
+    if any(one.records.unfinished.any() for one in task.lines):
+        caption += "; runs that raised or were lost end there"
+    if criteria.coarse_s:
+        caption += f"; shaded: {criteria.coarse_s:g} s coarse alignment"
+    title = f"{name.capitalize()} error over time"
+    label = f"{name} error, {curve.unit_name}"
+    svg = panel.svg(title, what, xlabel="time, s", ylabel=label, xlim=(0, criteria.duration_s))
+    return Drawing(title, caption, svg)
+
+
+class Curve(NamedTuple):
+    """An error against time."""
+
+    quantity: str  #: of QUANTITIES
+    name: str
+    parts: tuple[int, ...]  #: of COMPONENTS
+
+    @property
+    def unit(self) -> float:
+        return QUANTITIES[self.quantity].unit
+
+    @property
+    def unit_name(self) -> str:
+        return QUANTITIES[self.quantity].unit_name
+
+    def said(self, task: Task) -> str:
+        """What the figure shows of the best, in words."""
+        if task.lines[0].summary.navigation is None:
+            azimuth = self.quantity == "azimuth"
+            say = _shown if azimuth else lambda one: f"{_shown(one, 'E')} east, {_shown(one, 'N')} north"
+            return f"In the steady state: {_best(task, say)}"
+        return f"Mean over time, {self.unit_name}: {_best(task, lambda one: number(_averaged(one, self.quantity)[0]))}"
+
+
+CURVES = (
+    Curve("azimuth", "azimuth", (2,)),
+    Curve("level", "level", (0, 1)),
+    Curve("position_h", "horizontal position", (6, 7)),
+    Curve("position_v", "vertical position", (8,)),
+    Curve("velocity_h", "horizontal velocity", (3, 4)),
+    Curve("velocity_v", "vertical velocity", (5,)),
+)
+
+
+def _averaged(one: Results, name: str) -> tuple[float, Array]:
+    """ARMSE of a navigation task and its interval, in the unit of the quantity."""
+    assert one.summary.navigation is not None
+    value, ci = one.summary.navigation.armse[name]
+    return value / QUANTITIES[name].unit, np.array(ci) / QUANTITIES[name].unit
+
+
+def _bound_style(bound: Bound) -> dict[str, Any]:
+    """Solid where it holds, dashed where it is a reference only."""
+    dash = "-" if bound.holds else (0, (5, 3))
+    return {"color": PAGE["ink"], "linewidth": 1.1, "linestyle": dash, "zorder": 3}
+
+
+def _aligned(task: Task) -> Drawing:
+    """How many runs have aligned by a time: those that never do keep the curve below 100 %."""
+    panel, criteria = Panel(task, "al"), task.lines[0].records.criteria
+    end = criteria.duration_s - criteria.coarse_s
+    for one in task.back_to_front:
+        times = np.sort(one.records.aligned_s)
+        known = times[np.isfinite(times)]
+        part = 100 * np.arange(len(known) + 1) / len(times)
+        x, y = np.r_[0.0, known, end], np.r_[part, part[-1]]
+        if len(x) > SAMPLES:
+            kept = np.unique(np.linspace(0, len(x) - 1, SAMPLES).round().astype(int))
+            x, y = x[kept], y[kept]
+        panel.axes.step(x, y, where="post", **panel.style(one, success_text(one.summary)))
+    said = _best(task, lambda one: success_text(one.summary))
+    what = f"Part of the runs that are aligned, against time. At the end: {said}."
+    title = "Runs aligned by a time"
+    svg = panel.svg(
+        title,
+        what,
+        xlabel="time from the start of fine alignment, s",
+        ylabel="% of runs",
+        ylim=(-3, 103),
+        xlim=(0, end),
+    )
+    return Drawing(title, "all three errors within the thresholds from then on", svg)
+
+
+def _profile(task: Task, azimuth: bool) -> Drawing:
+    name, unit, unit_name = ("azimuth", DEG, "deg") if azimuth else ("level", ARCSEC, "arcsec")
+    panel, criteria = Panel(task, "pa" if azimuth else "pl"), task.lines[0].records.criteria
+    delta = float(criteria.delta[2 if azimuth else 0]) / unit
+    for one in task.back_to_front:
+        deltas, success = success_profile(one.records)[slice(0, 2) if azimuth else slice(2, 4)]
+        panel.axes.step(deltas / unit, 100 * success, where="post", **panel.style(one))
+    panel.axes.axvline(delta, color=PAGE["ink"], linestyle=(0, (1, 2)), linewidth=1.2)
+    panel.axes.set_xscale("log")
+    index = 2 if azimuth else slice(0, 2)
+
+    def within(one: Results) -> str:
+        largest = one.records.hold_max[:, index].reshape(len(one.records), -1).max(axis=1)
+        return f"{100 * float((largest <= criteria.delta[index].min()).mean()):.0f} %"
+
+    what = (
+        f"Part of the runs within a threshold, against the threshold. At {delta:g} {unit_name}: {_best(task, within)}."
+    )
+    held = f"{name} within the threshold for the last {criteria.hold_s:g} s"
+    title = f"Convergence profile, {name}"
+    label = f"threshold of the {name}, {unit_name}"
+    svg = panel.svg(
+        title,
+        what,
+        xlabel=label,
+        ylabel="% of runs",
+        ylim=(-3, 103),
+        xlim=(0.03 * delta, 10 * delta),
+    )
+    return Drawing(title, held, svg)
+
+
+def _cost(task: Task) -> Drawing:
+    """Error against cost, and the front that no solver is below and left of."""
+    panel, scored = Panel(task, "co"), task.lines[0].summary.scored
+    relative = all(one.cost.ratio is not None for one in task.lines if one.cost)
+    points = []
+    for one in task.back_to_front:
+        cost, y, ci = _position(one, relative, scored)
+        if not (np.isfinite(cost) and np.isfinite(y) and y > 0):
+            continue
+        style, look = panel.style(one), task.looks.get(one.label)
+        colour, order = style["color"], style["zorder"]
+        if np.isfinite(ci).all():
+            panel.axes.plot([cost, cost], ci, color=colour, linewidth=1.2 if look else 0.8, zorder=order)
+        marker: dict[str, Any] = {
+            "marker": look.marker if look else "o",
+            "markersize": 8 if look else 4.5,
+            "linestyle": "",
+        }
+        panel.axes.plot([cost], [y], color=colour, gid=style["gid"], zorder=order + 0.1, markeredgewidth=0, **marker)
+        points.append((cost, y))
+    best = front(points)
+    if len(best) > 1:
+        x, y = np.array(best).T
+        panel.axes.step(x, y, where="post", color=PAGE["ink"], linewidth=1, linestyle=(0, (2, 2)), zorder=1)
+    limit = _limit(task)
+    if scored and task.bound and limit is not None:
+        panel.axes.axhline(limit, **_bound_style(task.bound))
+    panel.axes.set(xscale="log", yscale="log")
+    panel.axes.margins(x=0.12, y=0.1)
+    name, of_error = _error_name(task)
+    unit = "cost of a step / ckf" if relative else "time of a step, µs"
+    said = _best(task, lambda one: f"{number(_position(one, relative, scored)[0], 2)}, {_main(one)}" if scored else "")
+    title = "Error against cost" if scored else "Spread against cost"
+    told = f"{title}: {name} over the {unit}. {said}."
+    caption = f"{name}{' with 95 % interval' if scored else ''}; dotted: the Pareto front"
+    return Drawing(title, caption, panel.svg(title, told, xlabel=unit, ylabel=f"{name}, {of_error}"))
+
+
+def _position(one: Results, relative: bool, scored: bool) -> tuple[float, float, Array]:
+    """Cost, error in deg and its interval; NaN where it is not known."""
+    cost = (one.cost.ratio if relative else one.cost.median_us) if one.cost else None
+    if one.summary.navigation is not None:
+        value, ci = _averaged(one, about(one.task))
+        return (np.nan if cost is None else cost), value, ci
+    value = one.summary.rms["U"] / 3600 if scored else one.summary.spread_deg
+    ci = np.array(one.summary.rms_ci["U"] if scored else (np.nan, np.nan)) / 3600
+    return (np.nan if cost is None else cost), value, ci
+
+
+def _main(one: Results) -> str:
+    """The main score with its unit."""
+    if one.summary.navigation is None:
+        return _shown(one)
+    name = about(one.task)
+    return f"{number(_averaged(one, name)[0])} {QUANTITIES[name].unit_name}"
+
+
+def _error_name(task: Task) -> tuple[str, str]:
+    """What the cost is held against, and its unit."""
+    one = task.lines[0]
+    if one.summary.navigation is not None:
+        quantity = QUANTITIES[about(one.task)]
+        return f"{quantity.name} error", quantity.unit_name
+    return ("azimuth RMS" if one.summary.scored else "heading spread"), "deg"
+
+
+def _limit(task: Task) -> float | None:
+    """The bound of the main score, in its unit."""
+    one = task.lines[0]
+    if one.summary.navigation is not None:
+        name = about(one.task)
+        return one.bound_means.get(name, np.nan) / QUANTITIES[name].unit
+    return float(task.bound.steady[2] / DEG) if task.bound else None
+
+
+def front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The Pareto front of costs and errors: those that none is below and left of, by cost."""
+    out: list[tuple[float, float]] = []
+    for x, y in sorted(points):
+        if not out or y < out[-1][1]:
+            out.append((x, y))
+    return out

@@ -1,0 +1,151 @@
+"""The leaderboard as one HTML file that needs nothing else: no network, no JavaScript.
+
+Tables say what the terminal says, in the same words (board.py). One task is in memory at a time. The same results file
+gives the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from sins_env.evaluation.report.figures import drawings
+from sins_env.evaluation.report.panel import DASHES, Drawing, Look, Task
+from sins_env.evaluation.report.svg import LOOKS
+from sins_env.evaluation.report.tables import Cell, Failure, Row, failures_of, heads_of, rows_of, with_unit
+from sins_env.evaluation.score import ranking
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.show import columns, footer
+from sins_env.evaluation.show.templates import template
+from sins_env.evaluation.store.key import Key
+from sins_env.evaluation.store.store import Session, Store
+from sins_env.evaluation.tasks.task import EvaluationTask
+
+MOST_NAMED = LOOKS  #: solvers in colour; of more, the best; the rest are grey
+MOST_REASONS = 60  #: lines of a table of failures
+
+
+class Section(NamedTuple):
+    """A task on the page."""
+
+    anchor: str
+    task: EvaluationTask
+    suite: str
+    scored: bool
+    heads: list[tuple[str, str]]
+    rows: list[Row]
+    notes: list[str]
+    legend: list[tuple[str, Look]]
+    others: int
+    has_bound: bool
+    holds: bool
+    drawings: list[Drawing]
+    failures: list[Failure]
+    failed: int  #: runs
+    reasons_left: int
+    runs: int
+    fewest: int
+    most: int
+    leaders: list[str]
+    best: Cell
+    best_of: str  #: what error it is; empty where the heading of its column says it
+    digest: str | None  #: of the task's world
+    sessions: list[tuple[str, Session]]  #: with the code
+    task_navigates: bool
+
+
+def html_report(
+    store: Store, keys: Sequence[Key], progress: Callable[[float, float], None] = lambda done, total: None
+) -> str:
+    """The page of these keys of a store.
+
+    Args:
+        progress: called with the number of solvers done and in all.
+
+    Raises:
+        ValueError: jinja2 is not installed.
+    """
+    page_of = template("report/page.html.j2")
+    groups: dict[tuple[str, str], list[Key]] = {}
+    for key in keys:
+        groups.setdefault((key.task, key.suite), []).append(key)
+    looks: dict[str, Look] = {}  # a solver looks the same in every task
+    sections, done = [], 0
+    for number, group in enumerate(groups.values()):
+        results = []
+        for key in group:
+            results.append(store.results(key))
+            done += 1
+            progress(done - 0.5, len(keys))
+        made = store.digest_of(group[0].task), _sessions(store, group)
+        sections.append(_section(f"t{number}", results, made, looks))
+        progress(done, len(keys))
+    css = Path(__file__).with_name("page.css").read_text()
+    solvers = {(key.solver, key.settings) for key in keys}
+    many_suites = len({key.suite for key in keys}) > 1
+    page: str = page_of.render(
+        sections=sections,
+        css=css,
+        solvers=len(solvers),
+        dashes=DASHES,
+        many_suites=many_suites,
+        best_name="main error" if any(section.task_navigates for section in sections) else "azimuth RMS",
+    )
+    return page
+
+
+def _section(
+    anchor: str,
+    results: Sequence[Results],
+    made: tuple[str | None, list[tuple[str, Session]]],
+    looks: dict[str, Look],
+) -> Section:
+    lines = ranking.ranked(results)
+    group = [one for _, one in lines]
+    named = [one.label for one in group[:MOST_NAMED]]
+    for label in named:
+        looks.setdefault(label, Look(len(looks)))
+    task = Task(group, {label: looks[label] for label in named}, anchor)
+    failures = failures_of(group)
+    runs = [len(one.records) for one in group]
+    first = group[0].summary
+    main = next(column for column in columns.error_columns(group[0]) if column.main)
+    value, interval = main.cell(group[0])
+    digest, sessions = made
+    return Section(
+        anchor=anchor,
+        task=group[0].task,
+        suite=group[0].suite,
+        scored=first.scored,
+        heads=heads_of(group),
+        rows=rows_of(lines, task),
+        notes=footer.footer(group).split("\n"),
+        legend=[(label, task.looks[label]) for label in named],
+        others=len(group) - len(named),
+        has_bound=task.bound is not None,
+        holds=task.bound is not None and bool(task.bound.holds),
+        drawings=drawings(task),
+        failures=failures[:MOST_REASONS],
+        reasons_left=len(failures[MOST_REASONS:]),
+        failed=sum(one.summary.failures for one in group),
+        runs=sum(runs),
+        fewest=min(runs),
+        most=max(runs),
+        leaders=[one.label for rank, one in lines if rank == 1] if first.scored else [],
+        best=Cell(with_unit(value, main.unit), interval) if first.scored else Cell("-", "not scored: no reference"),
+        best_of=main.name if first.navigation is not None else "",
+        digest=digest,
+        sessions=sessions,
+        task_navigates=first.navigation is not None,
+    )
+
+
+def _sessions(store: Store, keys: Iterable[Key]) -> list[tuple[str, Session]]:
+    """Code with session, runs of all solvers summed; in the order of time."""
+    found: dict[tuple[int, str], Session] = {}
+    for key in keys:
+        for session in store.sessions(key):
+            before = found.get((session.id, key.code))
+            found[session.id, key.code] = session._replace(runs=session.runs + (before.runs if before else 0))
+    return [(code, session) for (_, code), session in sorted(found.items(), key=lambda item: item[0])]

@@ -1,0 +1,108 @@
+"""What the report's figures share: how a solver looks in all of them, and a panel that a phone can show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from sins_env.evaluation.bound.bounds import Bound
+from sins_env.evaluation.report.svg import LOOKS, PAGE, inline
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.show.style import STYLES, few_labels
+
+if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+WIDTH, HEIGHT, FONT = 400, 290, 12.0  #: pixels, about as wide as a phone
+MARKERS = "osD^vPX*"
+DASHES = ("", "9 3", "2 2.4", "11 2.6 2 2.6")  #: as STYLES, for the legend of the page
+
+
+class Look(NamedTuple):
+    """Of a solver that is told apart; the others are grey."""
+
+    number: int
+
+    @property
+    def name(self) -> str:
+        """The page's variable."""
+        return f"look-{self.number % LOOKS}"
+
+    @property
+    def dash(self) -> int:
+        return (self.number + self.number // LOOKS) % len(STYLES)
+
+    @property
+    def marker(self) -> str:
+        return MARKERS[self.number % LOOKS]
+
+
+class Drawing(NamedTuple):
+    title: str
+    caption: str
+    svg: str
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the figures of a task show: its solvers, the best first."""
+
+    lines: Sequence[Results]
+    looks: Mapping[str, Look]  #: by label
+    prefix: str  #: of identifiers
+
+    @property
+    def bound(self) -> Bound | None:
+        return next((one.bound for one in self.lines if one.bound), None)
+
+    @property
+    def back_to_front(self) -> list[Results]:
+        """The grey ones first, the best last."""
+        return sorted(reversed(self.lines), key=lambda one: one.label in self.looks)
+
+
+class Panel:
+    """One figure with one pair of axes."""
+
+    def __init__(self, task: Task, name: str) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self.task, self.prefix = task, f"{task.prefix}-{name}"
+        self.figure: Figure = Figure(figsize=(WIDTH / 72, HEIGHT / 72), dpi=72, layout="constrained")
+        FigureCanvasAgg(self.figure)
+        self.axes: Axes = self.figure.add_subplot()
+        self.names: dict[str, str] = {}
+
+    def style(self, one: Results, told: str = "") -> dict[str, Any]:
+        """Of a solver's line, with its tooltip."""
+        gid = f"named-{len(self.names)}"
+        self.names[gid] = f"{one.label}{told and ': '}{told}"
+        look = self.task.looks.get(one.label)
+        if look is None:
+            return {"gid": gid, "color": PAGE["other"], "linewidth": 0.9, "zorder": 1.5}
+        return {"gid": gid, "color": PAGE[look.name], "linestyle": STYLES[look.dash], "linewidth": 1.8, "zorder": 2.5}
+
+    def told(self, one: Results) -> bool:
+        return one.label in self.task.looks
+
+    def svg(self, title: str, description: str, **settings: Any) -> str:
+        """Axes in the page's colours, then the figure."""
+        from matplotlib.ticker import FuncFormatter
+
+        axes, ink, grid = self.axes, PAGE["ink"], PAGE["grid"]
+        axes.set(**settings)
+        axes.grid(color=grid, linewidth=0.8)
+        axes.spines[["top", "right"]].set_visible(False)
+        for side in ("left", "bottom"):
+            axes.spines[side].set(color=grid, linewidth=1.2)
+        axes.tick_params(which="both", color=grid, labelcolor=ink, labelsize=FONT)
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.label.set(color=ink, size=FONT)
+            if axis.get_scale() == "log":
+                axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+                axis.set_minor_formatter(FuncFormatter(few_labels(axis)))
+                axis.set_tick_params(which="minor", labelsize=FONT)
+        return inline(self.figure, self.prefix, title, description, self.names)

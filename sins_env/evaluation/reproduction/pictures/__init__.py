@@ -1,0 +1,1 @@
+"""Figures of the reproduction paper: error courses, flights and the toy problems."""

@@ -1,0 +1,1 @@
+"""How a printed number is read off our own runs, so that both mean the same."""

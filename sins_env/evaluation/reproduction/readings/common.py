@@ -1,0 +1,168 @@
+"""What tables read off their runs: errors at a time, over time, against those of another filter, and cost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env.arrays import Array
+from sins_env.evaluation.reproduction.verdicts import NOTHING, Estimate, mean, root_mean_square
+from sins_env.evaluation.score import paired, quantities, resampling
+from sins_env.evaluation.score.navigation import bound_means, known_history, ratio_of_time_means
+from sins_env.evaluation.score.results import Results
+
+Reader = Callable[..., Estimate]
+COST_REPEATS = 0.1  #: relative; UKF over CKF was measured as 0.98 and 1.05, and they are the same code
+TIME_OF_A_STEP = f"time of a step, ± {100 * COST_REPEATS:g} %"  #: title of a group that is read so
+
+
+def end_errors(results: Results, points: int = 0) -> Array:
+    """Misalignment E, N, U at the end, or its mean over the last ``points`` seconds: (R, 3) rad; NaN for lost runs."""
+    records = results.records
+    phi = records.history[:, -points:, :3].mean(axis=1, dtype=np.float64) if points else records.final
+    return np.where(records.unfinished[:, None], np.nan, phi)
+
+
+def errors_at(results: Results, t_s: float, over_s: float = 0.0) -> Array:
+    """Errors at a time from switch-on, or their mean over so many seconds before it: (R, components); NaN for lost runs."""
+    records, t = results.records, np.asarray(results.records.criteria.history_t)
+    last = int(np.argmin(np.abs(t - t_s)))
+    first = int(np.searchsorted(t, t_s - over_s + 1e-6)) if over_s else last
+    errors = records.history[:, first : last + 1].mean(axis=1, dtype=np.float64)
+    return np.where(records.unfinished[:, None], np.nan, errors)
+
+
+def bound_at(results: Results, component: int, t_s: float) -> float:
+    """1-sigma error that the bound leaves at a time; NaN where there is none, or it is but a reference."""
+    bound = results.bound
+    if bound is None or not bound.holds:
+        return math.nan
+    return float(np.interp(t_s, bound.t, bound.sigma[:, component]))
+
+
+def error(component: int, unit: float, t_s: float, over_s: float = 0.0) -> Reader:
+    """Reads the RMS over runs of a component of the error at a time, with its bound."""
+
+    def read(results: Results) -> Estimate:
+        bound = bound_at(results, component, t_s) / unit
+        return root_mean_square(errors_at(results, t_s, over_s)[:, component] / unit, bound=bound)
+
+    return read
+
+
+def mean_error(component: int, unit: float, t_s: float) -> Reader:
+    """Reads the mean over runs of a component of the error at a time."""
+    return lambda results: mean(errors_at(results, t_s)[:, component] / unit)
+
+
+def spread_of_error(component: int, unit: float, t_s: float) -> Reader:
+    """Reads the standard deviation over runs of a component of the error at a time."""
+
+    def read(results: Results) -> Estimate:
+        bound = bound_at(results, component, t_s) / unit
+        return root_mean_square(errors_at(results, t_s)[:, component] / unit, about_mean=True, bound=bound)
+
+    return read
+
+
+def apart(component: int, unit: float, t_s: float, over_s: float = 0.0) -> Reader:
+    """Reads how far two filters are apart at a time in the same run: RMS over runs of the difference of their errors."""
+
+    def read(one: Results, other: Results) -> Estimate:
+        mine, its = paired.common(one.records, other.records)
+        a, b = (errors_at(r, t_s, over_s)[rows, component] / unit for r, rows in ((one, mine), (other, its)))
+        return root_mean_square(a - b)
+
+    return read
+
+
+def quotient(component: int | Sequence[int], t_s: float, over_s: float = 0.0) -> Reader:
+    """Reads the RMS of a component of the error, or of several together, over that of another filter in the same runs."""
+    parts = np.atleast_1d(component)
+
+    def read(one: Results, other: Results) -> Estimate:
+        mine, its = paired.common(one.records, other.records)
+        pairs = ((one, mine), (other, its))
+        a, b = (np.linalg.norm(errors_at(r, t_s, over_s)[rows][:, parts], axis=1) for r, rows in pairs)
+        known = np.isfinite(a) & np.isfinite(b)
+        return _estimate(paired.ratio_of_rms(a[known], b[known]), int(known.sum()), int((~known).sum()))
+
+    return read
+
+
+def armse(name: str) -> Reader:
+    """Reads the time mean of the RMS over runs of a quantity of navigation, in its unit, with its bound."""
+
+    def read(results: Results) -> Estimate:
+        unit = quantities.find(name, True).unit
+        found, runs = results.summary.navigation, len(results.records)
+        assert found is not None
+        value, (low, high) = found.armse[name]
+        bound = results.bound
+        least = bound_means(results.records, bound)[name] if bound and bound.holds else math.nan
+        return Estimate(value / unit, low / unit, high / unit, runs, 0, least / unit)
+
+    return read
+
+
+def ratio_of_armse(name: str) -> Reader:
+    """Reads the time mean of the RMS over runs of a quantity over that of another filter in the same runs."""
+
+    def read(one: Results, other: Results) -> Estimate:
+        mine, its = paired.common(one.records, other.records)
+        a, b = (lengths(r, name)[rows] for r, rows in ((one, mine), (other, its)))
+        return _estimate(ratio_of_time_means(a, b), len(mine))
+
+    return read
+
+
+def lengths(results: Results, name: str) -> Array:
+    """A quantity of navigation over the scored span, (R, seconds), rad, m/s or m; the worst once a run has raised."""
+    records = results.records
+    return quantities.length(known_history(records)[:, records.criteria.span], quantities.find(name, True))
+
+
+def failed(results: Results) -> Estimate:
+    """Reads the share of runs that did not come to a good end, %."""
+    return percentage(results.records.failed)
+
+
+def percentage(flags: NDArray[np.bool_]) -> Estimate:
+    """Share of runs (R,), %."""
+    value, (low, high) = paired.proportion(float(flags.mean()), len(flags))
+    return Estimate(100 * value, round(100 * low, 9), round(100 * high, 9), len(flags))
+
+
+def median(values: Array) -> Estimate:
+    """Median of values (R,); NaN marks the runs that are lost."""
+    known = values[np.isfinite(values)]
+    lost = len(values) - len(known)
+    if len(known) < 2:
+        return Estimate(math.nan, math.nan, math.nan, len(known), lost)
+    return _estimate(resampling.median_interval(known), len(known), lost)
+
+
+def cost(results: Results) -> Estimate:
+    """Reads what a step costs, relative to ckf in the same process; a measurement has no interval over runs."""
+    found = results.cost.ratio if results.cost else None
+    return Estimate(found, found, found, 0) if found is not None else NOTHING
+
+
+def cost_against(one: Results, other: Results) -> Estimate:
+    """Reads what a step costs, relative to that of another filter; measured again it may differ by COST_REPEATS."""
+    ratio = cost(one).value / cost(other).value
+    return Estimate(ratio, ratio * (1 - COST_REPEATS), ratio * (1 + COST_REPEATS), 0)
+
+
+def batch_cost_against(one: Results, other: Results) -> Estimate:
+    """Reads the median over runs of their share of what their batch cost, relative to that of another filter."""
+    a, b = (float(np.median(results.records.step_s)) for results in (one, other))
+    return Estimate(a / b, a / b, a / b, len(one.records))
+
+
+def _estimate(found: paired.Estimate, runs: int, lost: int = 0) -> Estimate:
+    value, (low, high) = found
+    return Estimate(value, low, high, runs, lost)

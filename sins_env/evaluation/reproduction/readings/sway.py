@@ -1,0 +1,63 @@
+"""What the tables of the swaying base read off their runs beside errors at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sins_env.evaluation.reproduction.readings.common import Reader, errors_at
+from sins_env.evaluation.reproduction.verdicts import Estimate, root_mean_square
+from sins_env.evaluation.score.resampling import TAILS, median_interval
+from sins_env.evaluation.score.results import Results
+
+
+def settling(components: int | Sequence[int], within: float, until_s: float) -> Reader:
+    """Reads from when on errors stay ``within`` (rad) until a time, s from switch-on: the median over runs.
+
+    Runs that are outside at the end count as inf; those that are lost are left out and counted.
+    """
+
+    def read(results: Results) -> Estimate:
+        records, t = results.records, np.asarray(results.records.criteria.history_t)
+        span = t <= until_s + 1e-6
+        errors = np.abs(records.history[:, span][:, :, np.atleast_1d(components)]).max(axis=2)[~records.unfinished]
+        lost = int(records.unfinished.sum())
+        if not len(errors):
+            return Estimate(np.nan, np.nan, np.nan, 0, lost)
+        outside = np.arange(1, span.sum() + 1) * ~(errors <= within)  # a NaN is not within
+        times = np.append(t[span], np.inf)[outside.max(axis=1)]
+        value, (low, high) = median_interval(times)
+        return Estimate(value, low, high, len(times), lost)
+
+    return read
+
+
+def wander(component: int, unit: float, t_s: float, over_s: float) -> Reader:
+    """Reads the standard deviation of an error about its own mean over so many seconds before a time: RMS over runs."""
+
+    def read(results: Results) -> Estimate:
+        records, t = results.records, np.asarray(results.records.criteria.history_t)
+        span = (t > t_s - over_s + 1e-6) & (t <= t_s + 1e-6)
+        spread = records.history[:, span, component].std(axis=1, ddof=1, dtype=np.float64) / unit
+        return root_mean_square(np.where(records.unfinished, np.nan, spread))
+
+    return read
+
+
+def largest(component: int, unit: float, t_s: float, of: int) -> Reader:
+    """Reads the largest size of an error at a time among so many runs: the median of that maximum and where 95 % of it lie.
+
+    From the distribution of all runs, F, for that of the maximum is F to the power of ``of``.
+    """
+
+    def read(results: Results) -> Estimate:
+        errors = np.abs(errors_at(results, t_s)[:, component]) / unit
+        known = errors[np.isfinite(errors)]
+        lost = len(errors) - len(known)
+        if len(known) < 2:
+            return Estimate(np.nan, np.nan, np.nan, len(known), lost)
+        value, low, high = np.quantile(known, np.array([0.5, *TAILS]) ** (1 / of))
+        return Estimate(float(value), float(low), float(high), len(known), lost)
+
+    return read

@@ -1,0 +1,210 @@
+"""Scores across runs, with intervals: pure functions of :class:`Records`. evaluation.md section 1.
+
+No run is dropped: a run that diverged enters with its errors, one that raised with the worst error from
+there on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env.arrays import Array
+from sins_env.evaluation.bound.bounds import Bound
+from sins_env.evaluation.play.criteria import NEES_AT
+from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.score import navigation
+from sins_env.evaluation.score.consistency import Nees, chi2_quantile, consistency
+from sins_env.evaluation.score.navigation import Navigation
+from sins_env.evaluation.score.resampling import CONFIDENCE, NO_INTERVAL, SEED, Interval, median_interval, rms_intervals
+from sins_env.units import ARCSEC
+
+TOGETHER = 64  #: solvers that are resampled together: what fits into memory
+BELOW = 1e-3  #: how often an estimator at the bound is called below it
+
+
+def restricted_mean(times: Array, horizon: float) -> float:
+    """Mean of min(t, horizon), s: the mean time to alignment as far as the episode could show it."""
+    return float(np.minimum(times, horizon).mean())
+
+
+def success_profile(records: Records, points: int = 80) -> tuple[Array, Array, Array, Array]:
+    """Success against the threshold: azimuth deltas, success, level deltas, success; deltas (points,) rad.
+
+    A run succeeds at delta if the largest error of its last hold_s is within delta, so no ranking hangs on
+    one delta.
+    """
+    out = []
+    for largest, delta in (
+        (records.hold_max[:, 2], records.criteria.delta[2]),
+        (records.hold_max[:, :2].max(axis=1), records.criteria.delta[0]),
+    ):
+        deltas = delta * np.geomspace(0.03, 10.0, points)
+        out += [deltas, (largest[:, None] <= deltas).mean(axis=0)]
+    return out[0], out[1], out[2], out[3]
+
+
+def bound_ratio(records: Records, bound: Bound) -> dict[str, float]:
+    """RMS over runs and the steady state, over the bound's in the same epochs."""
+    rms = np.sqrt(np.square(records.steady_rms).mean(axis=0))
+    return _by_axis(rms / bound.steady[:3])
+
+
+def below_bound(records: Records, bound: Bound) -> bool | None:
+    """Whether the azimuth at T is better than the bound allows; None: no verdict, it is but a reference.
+
+    One time and one axis, chosen beforehand. At the bound the sum of squares over its variance is chi-square; a value
+    below the ``BELOW`` quantile speaks of knowledge of the motion, a leak or a bug.
+    """
+    if not bound.holds:
+        return None
+    squares = float(np.square(records.final[:, 2] / bound.final[2]).sum())
+    return squares < float(chi2_quantile(BELOW, len(records)))
+
+
+def known_headings(records: Records) -> Array:
+    """Final headings, rad, of the runs that came to their end with one: not of those that raised or were lost."""
+    return records.heading[np.isfinite(records.heading) & ~records.unfinished]
+
+
+def heading_deviations(known: Array) -> Array:
+    """From the mean, rad, so enlarged that their mean square is the unbiased variance; none of fewer than two."""
+    if len(known) < 2:
+        return np.empty(0)
+    centre = np.angle(np.exp(1j * known).mean())
+    away = np.angle(np.exp(1j * (known - centre)))
+    out: Array = (away - away.mean()) * math.sqrt(len(known) / (len(known) - 1))
+    return out
+
+
+def heading_spread(known: Array) -> float:
+    """Repeatability: standard deviation over runs of the final heading, rad; NaN for fewer than two."""
+    away = heading_deviations(known)
+    return math.sqrt(np.square(away).mean()) if len(away) else math.nan
+
+
+@dataclass(frozen=True)
+class Summary:
+    """One line of the board. Errors in arcsec by axis; times in s from the start of fine alignment."""
+
+    runs: int
+    success: float  #: part of the runs whose three errors all converged
+    success_by_axis: dict[str, float]
+    t_conv_median_s: float  #: inf where most runs are censored
+    t_conv_ci_s: Interval
+    t_conv_restricted_mean_s: float
+    coarse_s: float  #: to be added for times from switch-on
+    steady_s: float  #: length of the steady state
+    mean: dict[str, float]  #: over runs of the steady-state mean
+    std: dict[str, float]  #: over runs: mean of the steady-state standard deviation within a run
+    rms: dict[str, float]  #: over runs and the steady state
+    rms_ci: dict[str, Interval]
+    rms_final: dict[str, float]  #: over runs, at T
+    nees: tuple[Nees, ...]
+    spread_deg: float  #: of the final heading over runs; tells something only where the truth is the same
+    spread_runs: int  #: that have a final heading; those that raised or were lost have none
+    counts: dict[str, int]  #: of each failure: diverged, frozen, raised, lost, repaired
+    fallbacks: float  #: per run: times that a safeguard replaced the solver's own rule; no failure
+    scored: bool = True  #: False without a reference: times, success and errors are NaN
+    navigation: Navigation | None = None  #: where the task navigates
+
+    @property
+    def failures(self) -> int:
+        """Runs that diverged, froze, raised, were lost, or needed a repair: each counted once."""
+        return self.counts["any"]
+
+    @property
+    def t_conv_from_switch_on_s(self) -> float:
+        return self.t_conv_median_s + self.coarse_s
+
+
+def failure_counts(records: Records) -> dict[str, int]:
+    """Runs by what went wrong; ``repaired`` may overlap with the others, ``any`` counts each run once."""
+    counts = {name: int((records.status == name).sum()) for name in ("diverged", "frozen", "raised", "lost")}
+    counts["repaired"] = int((records.repairs > 0).sum())
+    counts["any"] = int(((records.status != "ok") | (records.repairs > 0)).sum())
+    return counts
+
+
+def summarise(records: Records) -> Summary:
+    """All scores of a set of runs."""
+    return summarise_all([records])[0]
+
+
+def summarise_all(parts: Sequence[Records]) -> list[Summary]:
+    """Of each; together, those with the same number of runs share one bootstrap, which is several times faster."""
+    found: list[list[tuple[float, Interval]]] = [[] for _ in parts]
+    for runs in {len(one) for one in parts}:
+        same = [i for i, one in enumerate(parts) if len(one) == runs]
+        for first in range(0, len(same), TOGETHER):
+            some = same[first : first + TOGETHER]
+            intervals = rms_intervals(np.hstack([parts[i].steady_rms for i in some]))
+            for j, i in enumerate(some):
+                found[i] = intervals[3 * j : 3 * j + 3]
+    return [_summary(one, rms) for one, rms in zip(parts, found, strict=True)]
+
+
+def _summary(records: Records, steady: Sequence[tuple[float, Interval]]) -> Summary:
+    c = records.criteria
+    aligned = records.aligned_s
+    median, interval = median_interval(aligned) if c.scored else (math.nan, NO_INTERVAL)
+    headings = known_headings(records)
+    return Summary(
+        runs=len(records),
+        success=float(_converged(aligned).mean()),
+        success_by_axis=_by_axis(_converged(records.t_conv).mean(axis=0)),
+        t_conv_median_s=median,
+        t_conv_ci_s=interval,
+        t_conv_restricted_mean_s=restricted_mean(aligned, c.horizon_s),
+        coarse_s=c.coarse_s,
+        steady_s=(c.num_epochs - c.steady_from + 1) * c.epoch_s,
+        mean=_by_axis(records.steady_mean.mean(axis=0) / ARCSEC),
+        std=_by_axis(records.steady_std.mean(axis=0) / ARCSEC),
+        rms=_by_axis([value / ARCSEC for value, _ in steady]),
+        rms_ci={axis: _arcsec(ci) for axis, (_, ci) in zip("ENU", steady, strict=True)},
+        rms_final=_by_axis(np.sqrt(np.square(records.final).mean(axis=0)) / ARCSEC),
+        nees=consistency(c, records.nees),
+        spread_deg=math.degrees(heading_spread(headings)),
+        spread_runs=len(headings),
+        counts=failure_counts(records),
+        fallbacks=float(records.fallbacks.mean()),
+        scored=c.scored,
+        navigation=navigation.summarise(records) if c.navigates else None,
+    )
+
+
+def _converged(times: Array) -> Array:
+    """1 or 0; NaN where it is not scored."""
+    return np.where(np.isnan(times), np.nan, np.isfinite(times))
+
+
+def _by_axis(values: Array | list[float]) -> dict[str, float]:
+    return {axis: float(value) for axis, value in zip("ENU", values, strict=True)}
+
+
+def _arcsec(interval: Interval) -> Interval:
+    return interval[0] / ARCSEC, interval[1] / ARCSEC
+
+
+def rms_band(history: NDArray[np.float32], resamples: int = 400) -> tuple[Array, Array, Array]:
+    """RMS over runs at each time with its 95 % percentile-bootstrap band: (R, S) -> three of (S,).
+
+    Runs that have no history any more are left out of the curve from there on.
+    """
+    known = np.isfinite(history)
+    squares = np.where(known, np.square(history, dtype=float), 0.0)
+    weights = np.random.default_rng(SEED).multinomial(len(history), [1 / len(history)] * len(history), resamples)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        drawn = np.sqrt((weights @ squares) / (weights @ known.astype(float)))
+        value = np.sqrt(squares.sum(axis=0) / known.sum(axis=0))
+    filled = np.where(np.isnan(drawn), np.inf, drawn)
+    tail = 50 * (1 - CONFIDENCE)
+    low, high = np.percentile(filled, [tail, 100 - tail], axis=0, method="inverted_cdf")
+    return value, low, np.where(np.isinf(high), value, high)
+
+
+assert len(NEES_AT) == 4  # the store has one column for each

@@ -1,0 +1,122 @@
+"""Scores of navigation over runs: pure functions of :class:`Records`. flight.md, evaluation.md section 1.
+
+ARMSE is the mean over time, in the scored span, of the RMS over runs at a time (from the history at 1 Hz). No run is
+dropped: where one has raised, its errors are the worst from there on.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sins_env.arrays import Array
+from sins_env.evaluation.bound.bounds import Bound
+from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.score import resampling
+from sins_env.evaluation.score.consistency import Nees, consistency
+from sins_env.evaluation.score.quantities import QUANTITIES, Quantity, length, run_errors
+from sins_env.evaluation.score.resampling import Interval
+
+Estimate = tuple[float, Interval]  #: with its 95 % interval
+
+RESAMPLES = 1000  #: of curves over time, which cost more than numbers
+SAMPLES = 100  #: times at which a curve is resampled
+
+
+@dataclass(frozen=True)
+class Navigation:
+    """By name of QUANTITIES: rad, m/s, m."""
+
+    armse: dict[str, Estimate]
+    rms: dict[str, Estimate]  #: over runs and the scored span
+    median_azimuth: Estimate  #: median over runs of the size of the heading error at T
+    nees: tuple[Nees, ...]  #: of attitude, velocity and position together: 9 is consistent
+    from_s: float  #: where the scored span begins, from switch-on
+
+
+def summarise(records: Records) -> Navigation:
+    """The scores; NaN without a reference or a history."""
+    c = records.criteria
+    errors = {name: run_errors(records, name) for name in QUANTITIES}
+    azimuth = errors["azimuth"][1]
+    return Navigation(
+        armse=dict(zip(QUANTITIES, _time_means(records, list(QUANTITIES.values())), strict=True)),
+        rms=dict(zip(errors, resampling.rms_intervals(np.stack([e[0] for e in errors.values()], axis=1)), strict=True)),
+        median_azimuth=resampling.median_interval(azimuth) if c.scored else (math.nan, resampling.NO_INTERVAL),
+        nees=consistency(c, records.nees_all, dof=9),
+        from_s=(c.span_from - 1) * c.epoch_s,
+    )
+
+
+def known_history(records: Records) -> Array:
+    """(R, S, components); the worst errors once a run has raised, NaN where nothing is scored."""
+    if not records.criteria.scored:
+        return records.history.astype(float)
+    return np.where(np.isnan(records.history), records.criteria.worst, records.history)
+
+
+def _time_means(records: Records, quantities: list[Quantity]) -> list[Estimate]:
+    span = records.criteria.span
+    if records.history.shape[1] != len(span) or not span.any():
+        return [(math.nan, resampling.NO_INTERVAL)] * len(quantities)
+    history = known_history(records)[:, span]
+    return [time_mean(length(history, quantity)) for quantity in quantities]
+
+
+def time_mean(errors: Array) -> Estimate:
+    """Mean over time of the RMS over runs, (R, S), with its BCa interval."""
+    return _estimate(_time_mean(errors))
+
+
+def ratio_of_time_means(a: Array, b: Array) -> Estimate:
+    """That of (R, S) over that of another filter in the same runs."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _estimate(_Resampled(*(x / y for x, y in zip(_time_mean(a), _time_mean(b), strict=True))))
+
+
+class _Resampled(NamedTuple):
+    """A statistic; of the SAMPLES times that are resampled: it, its resamples (RESAMPLES,), and with one unit left out."""
+
+    value: Array
+    least: Array
+    drawn: Array
+    without: Array
+
+
+def _time_mean(errors: Array) -> _Resampled:
+    squares = np.square(errors)
+    curve = np.sqrt(squares.mean(axis=0))
+    picked = np.unique(np.linspace(0, len(curve) - 1, SAMPLES).round().astype(int))
+    units, (sizes, drawn_sizes) = resampling.units_of(squares[:, picked]), resampling.sizes(len(squares))
+    few = resampling.resampled(units, RESAMPLES)
+    drawn = np.sqrt(few / drawn_sizes[:RESAMPLES]).mean(axis=1)
+    total, count = units.sum(axis=0), len(squares)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a single run
+        without = np.sqrt(np.maximum(total - units, 0) / (count - sizes)).mean(axis=1)
+    return _Resampled(curve.mean(), curve[picked].mean(), drawn, without)
+
+
+def _estimate(found: _Resampled) -> Estimate:
+    """The value is of all times; its interval is that of the resampled ones, scaled."""
+    value = float(found.value)
+    if len(found.without) < 2 or not math.isfinite(value):
+        return value, resampling.NO_INTERVAL
+    ((low, high),) = resampling.bca(found.drawn[:, None], np.array([found.least]), found.without[:, None])
+    scale = value / float(found.least) if found.least else 1.0
+    return value, (float(low) * scale, float(high) * scale)
+
+
+def bound_means(records: Records, bound: Bound) -> dict[str, float]:
+    """The bound of each ARMSE; NaN where the bound has not its components."""
+    sigma = bound.sigma[records.criteria.span]
+    return {name: _bound_mean(sigma, quantity) for name, quantity in QUANTITIES.items()}
+
+
+def _bound_mean(sigma: Array, quantity: Quantity) -> float:
+    parts = quantity.bounded
+    if not parts or max(parts) >= sigma.shape[1] or not len(sigma):
+        return math.nan
+    return float(np.sqrt(np.square(sigma[:, parts]).sum(axis=1)).mean())

@@ -1,0 +1,95 @@
+"""The order of a task's solvers, and their ranks.
+
+The first leads rank 1, and whoever cannot be told from the leader shares its rank: the interval of the ratio of their RMS,
+paired over the common runs, contains 1. The first that can be told apart leads the next rank. What counts is the azimuth,
+over the steady state; where a task navigates what it names, over the scored span, or how many runs fail and then the median
+heading error at the end. The RMS, not a convergence time, ranks: it hangs on no threshold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from sins_env.arrays import Array
+from sins_env.evaluation.score.paired import Pairing, apart, common, difference_of_rates
+from sins_env.evaluation.score.quantities import run_errors
+from sins_env.evaluation.score.results import Results, summarise
+from sins_env.evaluation.tasks.task import EvaluationTask
+
+
+def about(task: EvaluationTask) -> str:
+    """Of the columns of a navigation task the one that stands for what ranks."""
+    main = headline(task)
+    return {"position": "position_h", "velocity": "velocity_h"}.get(main, main)
+
+
+FAILURES = "failures"
+
+
+def ranked(results: Iterable[Results]) -> list[tuple[int, Results]]:
+    """Solvers of one task with their ranks, the best first; where errors are not scored all tie, as they came."""
+    given = list(results)
+    summarise(given)
+    if not all(one.summary.scored for one in given):
+        return [(1, one) for one in given]
+    lines = sorted(given, key=merit)
+    if lines and by_failures(lines[0].task):
+        told_apart = _Rates(lines).apart
+    else:
+        told_apart = Pairing(lines, [_counted(one) for one in lines], [_interval(one) for one in lines]).apart
+    leader, ranks = 0, []
+    for i in range(len(lines)):
+        if i and told_apart(leader, i):
+            leader = i
+        ranks.append(leader + 1)
+    return list(zip(ranks, lines, strict=True))
+
+
+def by_failures(task: EvaluationTask) -> bool:
+    return task.rank_by == FAILURES
+
+
+def headline(task: EvaluationTask) -> str:
+    """The quantity that a task is about, also where failures rank."""
+    return "azimuth" if by_failures(task) else task.rank_by
+
+
+def merit(one: Results) -> tuple[float, ...]:
+    """What solvers are sorted by."""
+    s = one.summary
+    if s.navigation is None:
+        return (s.rms["U"],)
+    if by_failures(one.task):
+        return failure_rate(one), s.navigation.median_azimuth[0]
+    return (s.navigation.rms[one.task.rank_by][0],)
+
+
+def failure_rate(one: Results) -> float:
+    return float(one.records.failed.mean())
+
+
+def _counted(one: Results) -> Array:
+    """The errors (R,) that rank."""
+    return run_errors(one.records, headline(one.task))[0]
+
+
+def _interval(one: Results) -> tuple[float, float]:
+    s = one.summary
+    return s.navigation.rms[headline(one.task)][1] if s.navigation else s.rms_ci["U"]
+
+
+class _Rates:
+    """Solvers against each other by how many of the common runs fail."""
+
+    def __init__(self, results: Sequence[Results]) -> None:
+        self.results = results
+
+    def apart(self, i: int, j: int) -> bool:
+        a, b = self.results[i], self.results[j]
+        if not np.intersect1d(a.records.run, b.records.run).size:
+            return False
+        mine, its = common(a.records, b.records)
+        _, (low, high) = difference_of_rates(a.records.failed[mine], b.records.failed[its])
+        return apart(len(mine), (1 + low, 1 + high))

@@ -1,0 +1,59 @@
+"""Repeatability of the heading: how runs at the same heading differ, a constant error of the place or of the sensors apart.
+
+000 tables 6.4 to 6.8 give the standard deviation of the final heading over ten records, for each of three headings. Here it
+is that of the error of the heading, since the truths of simulated records differ by what people do to the car; of the
+heading itself where errors are not scored. The runs of a simulation draw the biases of their sensors anew, so these are in it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env.arrays import Array
+from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.score.metrics import heading_deviations
+from sins_env.evaluation.score.resampling import NO_INTERVAL, Interval, rms_interval
+from sins_env.evaluation.tasks.task import EvaluationTask
+
+
+class Repeatability(NamedTuple):
+    """Standard deviation within a group of runs, or within all of them."""
+
+    group: str  #: "149.4°", or "all"
+    runs: int  #: that have a final heading, in groups of at least two
+    deg: float  #: NaN where there is no such group
+    interval: Interval  #: 95 %, BCa over runs, deg
+
+
+def repeatability(records: Records, task: EvaluationTask) -> list[Repeatability]:
+    """Of each heading of the task in the order of its records, and last of all together: the root of the mean variance.
+
+    A recording, and a simulation without records, is one group.
+    """
+    there = np.isfinite(records.heading) & ~records.unfinished
+    values = records.final[there, 2] if records.criteria.scored else records.heading[there]
+    names, group = _groups(task, records.run[there])
+    away = [heading_deviations(values[group == i]) for i in range(len(names))]
+    out = [_spread(name, one) for name, one in zip(names, away, strict=True)]
+    return [*out, _spread("all", np.concatenate(away))] if len(out) > 1 else out
+
+
+def _groups(task: EvaluationTask, run: NDArray[np.int64]) -> tuple[list[str], NDArray[np.int64]]:
+    """Their names, and the number of that of each run."""
+    headings = task.kwargs.get("heading_deg")
+    if not task.records or not isinstance(headings, (list, tuple)):
+        return ["all"], np.zeros(len(run), dtype=np.int64)
+    own = list(dict.fromkeys(headings))
+    group = np.array([own.index(headings[i]) for i in run % task.records], dtype=np.int64)
+    return [f"{heading:g}°" for heading in own], group
+
+
+def _spread(group: str, deviations: Array) -> Repeatability:
+    if not len(deviations):
+        return Repeatability(group, 0, math.nan, NO_INTERVAL)
+    value, interval = rms_interval(np.degrees(deviations))
+    return Repeatability(group, len(deviations), value, interval)

@@ -1,0 +1,44 @@
+"""Numbers as people read them: three significant digits, angles in the unit that fits, intervals."""
+
+from __future__ import annotations
+
+import math
+
+from sins_env.evaluation.score.resampling import Interval
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Three significant digits, without an exponent below ten million; '-' for what is not known."""
+    if math.isnan(value):
+        return "-"
+    if math.isinf(value):
+        return "never"
+    if value == 0:
+        return "0"
+    if abs(value) >= 1e7:  # whatever has diverged
+        return f"{value:.{digits - 1}e}"
+    decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0)
+    return f"{value:,.{decimals}f}"
+
+
+def seconds(value: float) -> str:
+    """Whole seconds, tenths below ten."""
+    return number(value) if not math.isfinite(value) else f"{value:.{0 if value >= 10 else 1}f}"
+
+
+def seconds_interval(ci: Interval) -> str:
+    """'115–147'; empty where there is nothing to enclose."""
+    return "" if not math.isfinite(ci[0]) or ci[0] == ci[1] else f"{seconds(ci[0])}–{seconds(ci[1])}"
+
+
+def angle(arcsec: float) -> str:
+    """Arcseconds without a unit; from 10,000 on degrees, with their sign."""
+    return f"{number(arcsec / 3600)}°" if 1e4 <= arcsec < math.inf else number(arcsec)
+
+
+def angle_interval(ci: Interval) -> str:
+    return "" if math.isnan(ci[0]) else f"{angle(ci[0])}–{angle(ci[1])}".replace(",", "")
+
+
+def interval(ci: Interval) -> str:
+    return "" if math.isnan(ci[0]) else f"{number(ci[0])}–{number(ci[1])}".replace(",", "")

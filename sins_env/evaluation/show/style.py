@@ -1,0 +1,91 @@
+"""Colours, line styles and notes that all figures and tables share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from rich import box
+from rich.table import Table
+
+from sins_env.evaluation.bound.bounds import Bound
+from sins_env.evaluation.tasks.task import EvaluationTask
+
+if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+#: Okabe and Ito: told apart with any colour vision; line styles tell solvers apart in print, too.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+STYLES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+NO_REFERENCE = "no reference: errors are not scored"
+_DOTTED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (1, 1)), "linewidth": 1.2}
+
+
+def style(i: int) -> dict[str, Any]:
+    """Colour and line style of the i-th solver."""
+    return {"color": COLOURS[i % len(COLOURS)], "linestyle": STYLES[i % len(STYLES)], "linewidth": 1.7}
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Empty, in inches, without pyplot."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def finish(axes: Axes, title: str, **settings: Any) -> None:
+    """Title, settings, grid, and numbers instead of powers on log axes."""
+    axes.set_title(title, fontsize=10, loc="left")
+    axes.set(**settings)
+    axes.grid(which="major", alpha=0.35, linewidth=0.6)
+    axes.grid(which="minor", alpha=0.15, linewidth=0.4)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=9)
+    from matplotlib.ticker import FuncFormatter
+
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() == "log":
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(FuncFormatter(few_labels(axis)))
+
+
+def bound_style(bound: Bound, name: str = "Cramér-Rao bound") -> dict[str, Any]:
+    """Solid where it holds, dashed where it is a reference only."""
+    line = {"color": "black", "linewidth": 1.1, "zorder": 3}
+    if bound.holds:
+        return {"label": name, "linestyle": "-", **line}
+    return {"label": f"{name}, a reference only", "linestyle": (0, (4, 3)), **line}
+
+
+def _say_unscored(axes: Axes) -> None:
+    axes.text(0.5, 0.5, NO_REFERENCE, transform=axes.transAxes, ha="center", va="center", fontsize=9, color="0.35")
+
+
+def few_labels(axis: Any) -> Callable[[float, Any], str]:
+    """Less than a decade and a half of a log axis needs labels between the decades."""
+
+    def label(value: float, _: Any) -> str:
+        low, high = sorted(axis.get_view_interval())
+        return f"{value:g}" if high < 30 * low and f"{value:e}"[0] in "25" else ""
+
+    return label
+
+
+def _told_threshold(task: EvaluationTask) -> str:
+    return f"threshold of the task: {task.delta_azimuth_deg:g} deg, {task.delta_level_arcsec:g} arcsec"
+
+
+def _coarse(axes: Axes, coarse_s: float) -> None:
+    """Shade the coarse phase, which is not scored."""
+    if coarse_s:
+        axes.axvspan(0, coarse_s, color="0.5", alpha=0.15, linewidth=0, label="coarse phase, not scored")
+
+
+def titled(title: str) -> Table:
+    """An empty table in the style of all verbs."""
+    return Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)

@@ -1,0 +1,38 @@
+"""Pages from templates beside this module. Jinja2 comes with the extra "report"."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from pathlib import Path
+from typing import Any
+
+
+def check_jinja2() -> None:
+    """Raises ValueError if the template engine is missing."""
+    _jinja2()
+
+
+def _jinja2() -> Any:
+    try:
+        return importlib.import_module("jinja2")
+    except ImportError as error:
+        raise ValueError('report needs the package jinja2: pip install "sins-env[report]"') from error
+
+
+def template(name: str) -> Any:
+    """A template by its path from this directory; what it does not know is an error, and HTML is escaped.
+
+    Raises:
+        ValueError: jinja2 is not installed.
+    """
+    jinja2 = _jinja2()
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parents[1]),
+        autoescape=".html" in name,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["compact"] = lambda value: json.dumps(value, sort_keys=True)
+    return environment.get_template(name)

@@ -1,0 +1,105 @@
+"""Speed of the whole chain and its parts, per core: how many times faster than real time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.estimators.memory import keep_freed_memory
+from sins_env.evaluation.speed.timing import Probe
+from sins_env.evaluation.tasks.task import EvaluationTask, get_task
+
+BATCHES = (256, 1)
+WARM_UP, BLOCK = 20, 20  #: epochs
+SECONDS = 4.0  #: spent on each batch size
+
+
+class Speed(NamedTuple):
+    """CPU time of one part at one batch size; the median over blocks of epochs."""
+
+    part: str  #: "whole chain", "environment" or "estimator"
+    runs: int
+    real_time: float  #: simulated seconds of all runs per CPU second
+    epoch_us: float  #: CPU time per run and epoch, microseconds
+
+
+def fitting(
+    solver: finding.Solver,
+    task: str | EvaluationTask,
+    batches: Sequence[int],
+    settings: Mapping[str, Any] | None = None,
+) -> tuple[tuple[int, ...], list[str]]:
+    """The batch sizes that solver and task can do, each once, and a remark on each that was changed."""
+    task, remarks = get_task(task), []
+    batched, most = bool(finding.make(solver, settings).batched), task.max_runs
+    sizes = []
+    for runs in batches:
+        if runs > 1 and not batched:
+            remarks.append(f"{finding.solver_name(solver)} takes one run at a time: 1 run instead of {runs}")
+            runs = 1
+        elif most is not None and runs > most:
+            remarks.append(f"{task.name}: {most} runs instead of {runs}, the windows of its recording")
+            runs = most
+        sizes.append(runs)
+    return tuple(dict.fromkeys(sizes)), remarks
+
+
+def measure(
+    solver: finding.Solver,
+    task: str | EvaluationTask = "sway-white-v0",
+    settings: Mapping[str, Any] | None = None,
+    batches: Sequence[int] = BATCHES,
+    seconds: float | None = None,
+    progress: Callable[[float, float], None] | None = None,
+) -> list[Speed]:
+    """Speed of environment and estimator, on one thread, in CPU time (a busy machine disturbs it little).
+
+    Args:
+        batches: numbers of runs, as :func:`fitting` gives them.
+        seconds: spent on each; None is SECONDS.
+
+    Raises:
+        ValueError: names, settings or numbers of runs that do not fit. EstimatorError: the estimator fails.
+    """
+    keep_freed_memory()
+    task, most = get_task(task), SECONDS if seconds is None else seconds
+    out: list[Speed] = []
+    for i, runs in enumerate(batches):
+
+        def report(part: float, done: int = i) -> None:
+            if progress:
+                progress(done + part, len(batches))
+
+        with threadpool_limits(1):
+            probe = Probe(task, solver, dict(settings or {}), runs, WARM_UP, time.process_time)
+            estimator_s, env_s = _blocks(probe, most, report)
+            probe.close()
+        if not len(env_s):
+            raise ValueError(f"{task.name} is too short to be timed; allowed: {WARM_UP + BLOCK} fine epochs or more")
+        for part, times in (
+            ("whole chain", env_s + estimator_s),
+            ("environment", env_s),
+            ("estimator", estimator_s),
+        ):
+            each = float(np.median(times)) / BLOCK
+            out.append(Speed(part, runs, runs * probe.epoch_s / each, 1e6 * each / runs))
+    return out
+
+
+def _blocks(probe: Probe, seconds: float, report: Callable[[float], None]) -> tuple[np.ndarray, np.ndarray]:
+    """CPU seconds of estimator and environment per block of epochs."""
+    spent = []
+    begin = time.perf_counter()
+    while probe.left >= BLOCK:
+        spent.append([part.sum() for part in probe.advance(BLOCK)])
+        passed = time.perf_counter() - begin
+        report(min(passed / seconds, 1.0))
+        if passed > seconds:
+            break
+    estimator_s, env_s = np.array(spent).reshape(-1, 2).T
+    return estimator_s, env_s

@@ -1,0 +1,151 @@
+"""Opening a results file: SQLite with a write-ahead log, its schema and migrations, and errors in one line."""
+
+from __future__ import annotations
+
+import sqlite3
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Self
+
+from sins_env.evaluation.store.schema import MIGRATIONS, SCHEMA, SCHEMA_VERSION
+
+APPLICATION_ID = 0x53494E53  #: "SINS"
+BUSY_S = 30.0
+
+
+class StoreError(ValueError):
+    """The results file cannot be read or written; the message says which file and why."""
+
+
+class Database:
+    """An open results file; a context manager. ``read_only`` never creates or changes it."""
+
+    def __init__(self, path: str | Path, read_only: bool = False) -> None:
+        self.path = Path(path)
+        if read_only and not self.path.exists():
+            raise StoreError(f"{self.path}: no such results file; sins-env eval makes one")
+        with self._errors():
+            self._db = _open_read_only(self.path) if read_only else _connect(self.path)
+            try:
+                self._check(read_only)
+            except BaseException:
+                self._db.close()
+                raise
+
+    def _check(self, read_only: bool) -> None:
+        """Schema of an existing file; a new one is created in one transaction."""
+        db = self._db
+        (version,) = db.execute("PRAGMA user_version").fetchone()
+        (application,) = db.execute("PRAGMA application_id").fetchone()
+        empty = db.execute("SELECT count(*) FROM sqlite_master").fetchone() == (0,)
+        if not empty and application != APPLICATION_ID:
+            raise StoreError(f"{self.path}: a SQLite file, but not a results file of sins-env")
+        old = not empty and version in MIGRATIONS
+        if not (empty or old or version == SCHEMA_VERSION):
+            allowed = ", ".join(map(str, [*MIGRATIONS, SCHEMA_VERSION]))
+            raise StoreError(f"{self.path}: results of schema {version}; this version reads {allowed}")
+        if read_only:
+            if empty:
+                raise StoreError(f"{self.path}: an empty file, no results")
+            if old:
+                self._read_a_migrated_copy()
+            return
+        db.execute("PRAGMA journal_mode = WAL")
+        with self._transaction():
+            if db.execute("SELECT count(*) FROM sqlite_master").fetchone() == (0,):
+                for statement in SCHEMA:
+                    db.execute(statement)
+                db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+                db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+            _migrate(db)
+
+    def _read_a_migrated_copy(self) -> None:
+        """A file that only is to be read stays as it is; its copy in memory gets the present schema."""
+        copy = _connect(":memory:")
+        self._db.backup(copy)
+        self._db.close()
+        self._db = copy
+        _migrate(copy)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._db.close()
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise StoreError(f"{self.path}: {_explain(error)}") from error
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        self._db.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            self._db.execute("COMMIT")
+        except BaseException:
+            if self._db.in_transaction:
+                self._db.execute("ROLLBACK")
+            raise
+
+    @contextmanager
+    def _damage(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except (TypeError, ValueError, KeyError, zlib.error) as error:
+            raise StoreError(f"{self.path}: {what} cannot be read ({error})") from error
+
+
+def _migrate(db: sqlite3.Connection) -> None:
+    """Bring the tables to the present schema, step by step."""
+    (version,) = db.execute("PRAGMA user_version").fetchone()
+    while version in MIGRATIONS:
+        for statement in MIGRATIONS[version]:
+            db.execute(statement)
+        version += 1
+    db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+
+
+def _connect(target: str | Path) -> sqlite3.Connection:
+    """Transactions are begun explicitly (no isolation level)."""
+    return sqlite3.connect(target, timeout=BUSY_S, isolation_level=None, uri=isinstance(target, str))
+
+
+def _open_read_only(path: Path) -> sqlite3.Connection:
+    """For reading. A connection that may write removes the log's files when it closes, so it is preferred;
+    the last resort is for a directory that cannot be written."""
+    uri = path.resolve().as_uri()
+    for mode in ("?mode=rw", "?mode=ro", "?immutable=1"):
+        db = _connect(uri + mode)
+        try:
+            db.execute("PRAGMA query_only = 1")
+            db.execute("SELECT count(*) FROM sqlite_master")
+            return db
+        except sqlite3.OperationalError:
+            db.close()
+            if mode == "?immutable=1":
+                raise
+    raise AssertionError("unreachable")
+
+
+def _explain(error: sqlite3.Error) -> str:
+    text = str(error)
+    for part, meaning in (
+        ("not a database", "not a results file (not SQLite)"),
+        ("locked", f"locked by another program for more than {BUSY_S:.0f} s"),
+        ("readonly", "cannot be written (read-only)"),
+        ("unable to open", "cannot be opened: no such directory, or no permission"),
+        ("full", "the disk is full"),
+        ("malformed", "damaged (not a whole SQLite file)"),
+    ):
+        if part in text:
+            return meaning
+    return text

@@ -1,0 +1,249 @@
+"""The results file: SQLite with a write-ahead log, one row per run. evaluation.md section 5.
+
+A run is identified by task (its version is in the name), suite-seed hash, solver, settings hash, code
+version and run number. Rows are written by the parent process, one transaction per chunk, so a killed
+evaluation leaves whole rows only and two evaluations may share a file.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+from collections.abc import Container, Iterator, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from sins_env.arrays import Array
+from sins_env.evaluation.bound import bounds
+from sins_env.evaluation.bound.bounds import Bound
+from sins_env.evaluation.play.criteria import Criteria
+from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.speed.cost import Cost
+from sins_env.evaluation.store.database import Database, StoreError
+from sins_env.evaluation.store.key import Key, canonical
+from sins_env.evaluation.store.rows import (
+    binding,
+    bound_of,
+    bound_text,
+    criteria_of,
+    criteria_text,
+    definition_of,
+    definition_text,
+    numbers_of,
+    to_blob,
+    to_records,
+    to_row,
+    to_span,
+)
+from sins_env.evaluation.store.schema import COLUMNS, KEY, SPAN_COLUMNS, TROUBLE
+from sins_env.evaluation.tasks.fingerprint import digest
+from sins_env.evaluation.tasks.task import EvaluationTask, get_task
+
+_OF_KEY = " AND ".join(f"{name} = ?" for name in KEY[:-1])
+_WITH_SPANS = "runs LEFT JOIN spans USING (id)"
+_WITH_HISTORIES = "runs LEFT JOIN histories USING (id)"
+
+
+class Session(NamedTuple):
+    """One opening of the file that wrote runs."""
+
+    id: int
+    started: str  #: UTC
+    machine: str
+    versions: dict[str, str]  #: of Python and the packages
+    runs: int  #: of those asked for
+
+
+class Store(Database):
+    """The runs of a results file."""
+
+    def __init__(self, path: str | Path, read_only: bool = False) -> None:
+        self._session: int | None = None
+        self._tasks: dict[str, tuple[EvaluationTask, Bound | Literal["ask"] | None]] = {}
+        super().__init__(path, read_only)
+
+    def runs_of(self, key: Key) -> set[int]:
+        """The runs that are there already."""
+        with self._errors():
+            return {run for (run,) in self._db.execute(f"SELECT run FROM runs WHERE {_OF_KEY}", key.values)}
+
+    def add(self, key: Key, records: Records) -> None:
+        """Write the rows of a chunk, all or none; rows that are there already stay as they are."""
+        marks = ", ".join("?" * len(COLUMNS))
+        with self._errors(), self._transaction():
+            session = self._of_session()
+            sql = "INSERT INTO tasks (task, criteria) VALUES (?, ?)"
+            sql += " ON CONFLICT DO UPDATE SET criteria = coalesce(criteria, excluded.criteria)"
+            self._db.execute(sql, (key.task, criteria_text(records.criteria)))
+            sql = f"INSERT OR IGNORE INTO runs ({', '.join(COLUMNS)}) VALUES ({marks}) RETURNING id"
+            for run in map(records.row, range(len(records))):
+                new = self._db.execute(sql, to_row(key, session, run)).fetchone()
+                if new:
+                    self._db.execute("INSERT OR REPLACE INTO histories VALUES (?, ?)", (*new, to_blob(run["history"])))
+                    if records.criteria.navigates:
+                        of_span = ", ".join("?" * (1 + len(SPAN_COLUMNS)))
+                        self._db.execute(f"INSERT OR REPLACE INTO spans VALUES ({of_span})", to_span(new[0], run))
+
+    def add_task(self, task: EvaluationTask) -> None:
+        """Write what a table needs of a task, so that it can be made from the file alone.
+
+        Raises:
+            ValueError: the file has runs of another task of that name, or of another world.
+        """
+        now, present = definition_text(task), digest(task)
+        bound = bound_text(bounds.find(task))
+        with self._errors(), self._transaction():
+            sql = "SELECT definition, digest FROM tasks WHERE task = ?"
+            held, before = self._db.execute(sql, (task.name,)).fetchone() or (None, None)
+            if held is not None and binding(held) != binding(now):
+                change = "its definition"
+            elif before is not None and before != present:
+                change = f"its world (digest {before}, now {present})"
+            else:
+                sql = "INSERT INTO tasks (task, definition, digest, bound) VALUES (?, ?, ?, ?) ON CONFLICT DO UPDATE"
+                sql += " SET definition = excluded.definition, digest = excluded.digest, bound = excluded.bound"
+                self._db.execute(sql, (task.name, now, present, bound))
+                return
+        raise ValueError(
+            f"{self.path}: {task.name} has changed since its runs were made, {change}; they would not compare: "
+            "a changed task needs a new version, or --db another file"
+        )
+
+    def digest_of(self, task: str) -> str | None:
+        """Of the task's world when its runs were made; None in files that are older than that."""
+        return self._of_task("digest", task)
+
+    def definition_of(self, task: str) -> str | None:
+        """JSON of the task when its runs were made; None in files that are older than that."""
+        return self._of_task("definition", task)
+
+    def navigates(self, task: str) -> bool:
+        """Whether its runs have velocity and position, too."""
+        return self._criteria(task).navigates
+
+    def _criteria(self, task: str) -> Criteria:
+        text = self._of_task("criteria", task)
+        with self._damage(f"the criteria of {task}"):
+            return criteria_of(text or "")
+
+    def _of_task(self, column: str, task: str) -> str | None:
+        with self._errors():
+            found = self._db.execute(f"SELECT {column} FROM tasks WHERE task = ?", (task,)).fetchone()
+        return found[0] if found else None
+
+    def sessions(self, key: Key) -> list[Session]:
+        """Which sessions made the runs of a solver, the earliest first."""
+        sql = f"""SELECT session, started, machine, versions, count(*) FROM runs
+            LEFT JOIN sessions ON sessions.id = session WHERE {_OF_KEY} GROUP BY session ORDER BY session"""
+        with self._errors():
+            found = self._db.execute(sql, key.values).fetchall()
+        with self._damage("the sessions"):
+            return [
+                Session(number, started, machine, json.loads(versions), runs)
+                for number, started, machine, versions, runs in found
+            ]
+
+    def add_cost(self, key: Key, cost: Cost) -> None:
+        """Write, or replace, what a step of the solver costs."""
+        values = (key.task, key.solver, key.settings_hash, key.code)
+        with self._errors(), self._transaction():
+            row = (*values, self._of_session(), *cost)
+            self._db.execute("INSERT OR REPLACE INTO costs VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
+
+    def _of_session(self) -> int:
+        if self._session is None:
+            sql = "INSERT INTO sessions (versions, machine) VALUES (?, ?)"
+            self._session = self._db.execute(sql, (json.dumps(_versions()), _machine())).lastrowid
+        assert self._session is not None
+        return self._session
+
+    def keys(self, tasks: Sequence[str] = (), solvers: Sequence[str] = ()) -> list[Key]:
+        """What the file holds, of each solver the latest code only, in the order of evaluation."""
+        sql = f"""WITH groups AS (SELECT max(id) AS last FROM runs GROUP BY {", ".join(KEY[:-1])})
+            SELECT task, suite, solver, settings, code FROM groups JOIN runs ON id = last ORDER BY last"""
+        with self._errors():
+            found = [Key(*row) for row in self._db.execute(sql)]
+        latest = {(key.task, key.suite, key.solver, key.settings): key for key in found}
+        return [key for key in latest.values() if key.among(tasks, solvers)]
+
+    def results(self, key: Key, runs: Container[int] | None = None, whole: bool = True) -> Results:
+        """The runs of a solver (those in ``runs``, or all) as :func:`evaluate` returns them.
+
+        Not ``whole`` is for tables and several times faster: scores that no table shows are NaN, and histories of
+        length 0 but where the task navigates, whose tables need them.
+        """
+        criteria = self._criteria(key.task)
+        with self._errors():
+            numbers = self._read("runs", numbers_of(whole), key, runs)
+            spans = self._read(_WITH_SPANS, SPAN_COLUMNS, key, runs) if criteria.navigates else None
+            sql = f"SELECT run, status, reason, traceback, repairs, fallbacks FROM runs WHERE {_OF_KEY} AND ({TROUBLE})"
+            odd = {run: told for run, *told in self._db.execute(sql, key.values)}
+            blobs = None
+            if whole or criteria.navigates:
+                blobs = [blob or b"" for _, blob in self._read(_WITH_HISTORIES, ["history"], key, runs)]
+        with self._damage(f"rows of {key.solver} on {key.task}"):
+            given = _array(numbers, numbers_of(whole))
+            of_spans = given[:, :0] if spans is None else _array(spans, SPAN_COLUMNS)[:, 1:]
+            records = to_records(given, odd, of_spans, criteria, blobs)
+        task, bound = self._task(key.task)
+        return Results(task, key.solver, json.loads(key.settings), key.suite, records, self._cost(key), bound)
+
+    def _read(
+        self, tables: str, columns: Sequence[str], key: Key, runs: Container[int] | None
+    ) -> list[tuple[Any, ...]]:
+        """The run and these columns, of the runs of a key (those in ``runs``, or all)."""
+        sql = f"SELECT run, {', '.join(columns)} FROM {tables} WHERE {_OF_KEY} ORDER BY run"
+        found = self._db.execute(sql, key.values).fetchall()
+        return found if runs is None else [row for row in found if row[0] in runs]
+
+    def _cost(self, key: Key) -> Cost | None:
+        sql = "SELECT median_us, p95_us, ratio FROM costs"
+        sql += " WHERE task = ? AND solver = ? AND settings_hash = ? AND code = ?"
+        with self._errors():
+            found = self._db.execute(sql, (key.task, key.solver, key.settings_hash, key.code)).fetchone()
+        return Cost(*found) if found else None
+
+    def rows(self, key: Key, columns: Sequence[str]) -> Iterator[tuple[Any, ...]]:
+        """These columns of every run, in their order, those of SPAN_COLUMNS, too; None is not known."""
+        sql = f"SELECT {', '.join(columns)} FROM {_WITH_SPANS} WHERE {_OF_KEY} ORDER BY run"
+        with self._errors():
+            yield from self._db.execute(sql, key.values)
+
+    def _task(self, name: str) -> tuple[EvaluationTask, Bound | Literal["ask"] | None]:
+        """The task under which the runs were made, and its bound; the present ones where an older file has neither."""
+        if name not in self._tasks:
+            with self._errors():
+                sql = "SELECT definition, bound FROM tasks WHERE task = ?"
+                definition, bound = self._db.execute(sql, (name,)).fetchone()
+            with self._damage(f"the definition of {name}"):
+                task = get_task(name) if definition is None else definition_of(definition)
+                self._tasks[name] = task, "ask" if bound is None else bound_of(bound)
+        return self._tasks[name]
+
+
+def _array(rows: Sequence[tuple[Any, ...]], columns: Sequence[str]) -> Array:
+    """(R, 1 + columns); NULL becomes NaN."""
+    return np.array(rows, dtype=float).reshape(len(rows), 1 + len(columns))
+
+
+def _versions() -> dict[str, str]:
+    names = ("sins-env", "numpy", "scipy", "gymnasium", "filterpy")
+    out = {"python": sys.version.split()[0]}
+    for name in names:
+        try:
+            out[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            out[name] = "not installed"
+    return out
+
+
+def _machine() -> str:
+    return f"{platform.node()} {platform.machine()} {platform.system()} {platform.release()}"
+
+
+__all__ = ["Key", "Session", "Store", "StoreError", "canonical"]

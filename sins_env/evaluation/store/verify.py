@@ -1,0 +1,171 @@
+"""Whether stored scores can be made again: random rows are run once more and compared.
+
+Rows are verifiable where task, solver and code are the present ones and the seed of their suite is given. A changed world
+(digest) or definition of a task is a difference, too.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sins_env.arrays import Array
+from sins_env.evaluation import monte_carlo
+from sins_env.evaluation.estimators import version
+from sins_env.evaluation.play.criteria import AXES, COMPONENTS, DIVERGED_SIGMAS, NEES_AT, Criteria
+from sins_env.evaluation.play.executors import Runner
+from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.store.key import Key
+from sins_env.evaluation.store.rows import binding, definition_text
+from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.tasks.fingerprint import digest
+from sins_env.evaluation.tasks.task import TASKS, suite_hash
+
+TOLERANCE = 1e-9  #: relative; of a navigation task, where batches round otherwise, to the spread of the start at least
+NEES_SIZE = 1e4  #: there it is an error so rounded over a standard deviation that is so many times smaller
+_ERRORS = ("hold_max", "steady_mean", "steady_std", "steady_rms", "final")
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What came of it."""
+
+    runs: int  #: run again
+    differences: tuple[str, ...]  #: a line for each run, or task, that is not what is stored
+    left_out: dict[str, int] = field(default_factory=dict)  #: rows that cannot be verified, by reason
+
+
+def verify(
+    store: Store,
+    keys: Sequence[Key],
+    rows: int,
+    seed: int | None = None,
+    draw: int | None = None,
+    *,
+    where: Runner | None = None,
+    progress: monte_carlo.Report | None = None,
+) -> Verified:
+    """Run so many rows again.
+
+    Args:
+        seed: of a hidden suite; None: the tasks' own.
+        draw: seed of the choice of rows; None: another choice every time.
+        where: worker processes, or None for this process.
+    """
+    left_out: dict[str, int] = {}
+    changed: dict[str, str] = {}
+    candidates: list[tuple[int, int]] = []
+    for i, key in enumerate(keys):
+        runs = sorted(store.runs_of(key))
+        reason = _obstacle(key, seed)
+        if reason:
+            left_out[reason] = left_out.get(reason, 0) + len(runs)
+            continue
+        if key.task not in changed:
+            changed[key.task] = _change(store, key.task)
+        candidates += [(i, run) for run in runs]
+    count = min(rows, len(candidates))
+    chosen = np.random.default_rng(draw).permutation(len(candidates))[:count].tolist()
+    differences = [text for text in changed.values() if text]
+    by_key: dict[int, list[int]] = {}
+    for at in sorted(chosen):
+        by_key.setdefault(candidates[at][0], []).append(candidates[at][1])
+    done = 0
+    for i, runs in by_key.items():
+        key = keys[i]
+
+        def report(part: float, total: float, before: int = done, here: int = len(runs)) -> None:
+            if progress:
+                progress(before + here * part / total, count)
+
+        found = monte_carlo.evaluate(
+            key.task, key.solver, runs, seed, settings=json.loads(key.settings), executor=where, cost=False,
+            workers=None if where else 1, progress=report,
+        )  # fmt: skip
+        stored = store.results(key, runs)
+        differences += [f"{stored.label} on {key.task}, {text}" for text in compare_runs(stored.records, found.records)]
+        done += len(runs)
+    return Verified(done, tuple(differences), left_out)
+
+
+def _obstacle(key: Key, seed: int | None) -> str:
+    """Why these rows cannot be run again; empty where they can."""
+    if key.task not in TASKS:
+        return f"{key.task} is no task of this version"
+    try:
+        code = version.code_version(key.solver)
+    except ValueError:
+        return f"no solver {key.solver} here"
+    if code != key.code:
+        return f"made with code {key.code}, this is {code}"
+    if key.suite != suite_hash(TASKS[key.task], seed):
+        return f"of suite {key.suite}: --seed must be given, or is another's"
+    return ""
+
+
+def _change(store: Store, name: str) -> str:
+    """How a task differs from that under which the runs were made; empty where it does not."""
+    before, now = store.digest_of(name), digest(TASKS[name])
+    if before not in (None, now):
+        return f"{name}: its world has changed, digest {before} stored, {now} now"
+    held = store.definition_of(name)
+    if held is not None and binding(held) != binding(definition_text(TASKS[name])):
+        return f"{name}: its definition has changed"
+    return ""
+
+
+def compare_runs(stored: Records, now: Records) -> list[str]:
+    """A line for each run that differs: its first score that does. Timing, texts and histories are left out."""
+    out = []
+    for i, run in enumerate(stored.run):
+        if run != now.run[i]:
+            raise ValueError(f"run {now.run[i]}; allowed: the same runs in the same order")
+        text = _difference(stored.row(i), now.row(i), stored.criteria)
+        if text:
+            out.append(f"run {run}: {text}")
+    return out
+
+
+def _difference(stored: dict[str, Any], now: dict[str, Any], criteria: Criteria) -> str:
+    for name in ("status", "repairs", "fallbacks"):
+        if stored[name] != now[name]:
+            return f"{name} {stored[name]} stored, {now[name]} now"
+    start = _start(criteria)
+    size = np.maximum(np.nan_to_num(stored["steady_rms"]), start[:3])  # of errors that nearly cancel, as a mean may
+    for name in _ERRORS:
+        for j, axis in enumerate(AXES):
+            text = _unequal(f"{name} {axis}", stored[name][j], now[name][j], size[j])
+            if text:
+                return f"{text} rad"
+    for name in ("span_rms", "span_final"):
+        for component, before, after, least in zip(COMPONENTS, stored[name], now[name], start, strict=False):
+            if text := _unequal(f"{name} {component}", before, after, least):
+                return text
+    others = [(f"t_conv {axis}", stored["t_conv"][j], now["t_conv"][j], 0.0) for j, axis in enumerate(AXES)]
+    others += [("heading", stored["heading"], now["heading"], start[2])]
+    for name, what in (("nees", "nees at"), ("nees_all", "nees of all at")):
+        values = zip(NEES_AT, stored[name], now[name], strict=True)
+        others += [(f"{what} {part:.0%}", x, y, NEES_SIZE * x * criteria.navigates) for part, x, y in values]
+    return next(filter(None, (_unequal(*other) for other in others)), "")
+
+
+def _start(criteria: Criteria) -> Array:
+    """Standard deviations of COMPONENTS at the start of a navigation task, from where its errors come down; 0 in alignment."""
+    if not criteria.navigates:
+        return np.zeros(len(COMPONENTS))
+    sigma = criteria.limit / DIVERGED_SIGMAS
+    return np.concatenate([sigma, sigma[2:3], np.full(2, sigma[:2].max())])
+
+
+def _unequal(name: str, stored: float, now: float, size: float = 0.0) -> str:
+    if (math.isnan(stored) and math.isnan(now)) or stored == now:
+        return ""
+    close = abs(stored - now) <= TOLERANCE * max(abs(stored), abs(now), size)
+    if close and math.isfinite(stored) and math.isfinite(now):
+        return ""
+    return f"{name} {stored:.12g} stored, {now:.12g} now"

@@ -1,0 +1,179 @@
+"""Tasks: environment, frozen keyword arguments, thresholds, suite seed; the name holds the version.
+
+Run seeds derive from the suite seed, the task's name and the run alone, so they depend neither on the number
+of workers nor on the solver: every solver meets the same runs. evaluation.md section 2.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import operator
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import VectorEnv
+
+from sins_env.arrays import Array
+from sins_env.checks import unknown
+from sins_env.evaluation.tasks.catalogue import DEFINITIONS
+from sins_env.units import ARCSEC, DEG
+
+
+@dataclass(frozen=True)
+class EvaluationTask:
+    """What is run and what counts as aligned. Any change but to ``what`` and ``source`` is a new version."""
+
+    name: str
+    what: str
+    source: str
+    env_id: str
+    delta_azimuth_deg: float
+    delta_level_arcsec: float
+    kwargs: Mapping[str, Any] = field(default_factory=dict)  #: of the environment; JSON-able
+    hold_s: float = 60.0  #: how long an error must stay within its threshold until the end
+    suite_seed: int = 0
+    windows: int = 0  #: of a recording: run i is window i; 0 where runs are drawn
+    records: int = 0  #: of a simulation (headings, scenes): run i draws its own of record i, modulo their number
+    score_from_s: float = 0.0  #: from where the time means of a navigation task count, s from switch-on
+    rank_by: str = "azimuth"  #: what ranks a navigation task: "azimuth", "position", "velocity" or "failures"
+    fail_azimuth_deg: float | None = None  #: a run whose azimuth error at the end is larger has failed
+    seeds_of: str = ""  #: the task whose run seeds it has, so that run by run the settings alone differ; empty: its own
+
+    @property
+    def delta(self) -> Array:
+        """Thresholds for the errors E, N, U: (3,) rad."""
+        level = self.delta_level_arcsec * ARCSEC
+        return np.array([level, level, self.delta_azimuth_deg * DEG])
+
+    @property
+    def thresholds(self) -> str:
+        """In words."""
+        level = f'{self.delta_level_arcsec:g}"'
+        return f"azimuth within {self.delta_azimuth_deg:g} deg and level within {level}"
+
+    @property
+    def max_runs(self) -> int | None:
+        """The number of windows of a recording; None where runs are drawn."""
+        return self.windows or None
+
+    def check_runs(self, runs: int) -> None:
+        """Raises ValueError for more runs than a recording has windows."""
+        if self.max_runs is not None and runs > self.max_runs:
+            raise ValueError(
+                f"runs = {runs} on {self.name}; allowed: up to {self.max_runs}, the windows of its recording"
+            )
+
+    def make(self, num_envs: int, **more: Any) -> VectorEnv[Any, Any, Any]:
+        """The native vector environment of ``num_envs`` runs.
+
+        Raises:
+            ValueError, FileNotFoundError: settings that do not fit, a recording that is not there.
+        """
+        return gymnasium.make_vec(self.env_id, num_envs=num_envs, **{**self.kwargs, **more})
+
+    def reset(
+        self, env: VectorEnv[Any, Any, Any], runs: Sequence[int], suite_seed: int | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset ``env`` (one row per run) to these runs of the suite; observation 1 and the start's info."""
+        options = {"window": list(runs)} if self.windows else None
+        if self.records:
+            options = {"record": [run % self.records for run in runs]}
+        seeds: Any = [run_seed(self, run, suite_seed) for run in runs]
+        return env.reset(seed=seeds, options=options)
+
+
+def is_scored(env: VectorEnv[Any, Any, Any]) -> bool:
+    """Whether the environment knows the truth; a recording without a reference does not."""
+    return bool(env.unwrapped.episode.world.scored)  # type: ignore[attr-defined]
+
+
+def run_numbers(runs: int | Iterable[int]) -> list[int]:
+    """The runs asked for, in order and each once: so many from 0 on, or those given.
+
+    Raises:
+        ValueError: anything but whole numbers, or one that is negative.
+    """
+    allowed = "a whole number, at least 1, or the numbers of the runs wanted, from 0 on"
+    try:
+        if not isinstance(runs, Iterable):
+            count = operator.index(runs)
+            if count < 1:
+                raise ValueError(f"runs = {count}; allowed: {allowed}")
+            return list(range(count))
+        found = sorted({operator.index(run) for run in runs})
+    except TypeError as error:
+        raise ValueError(f"runs = {runs!r}; allowed: {allowed}") from error
+    if not found or found[0] < 0:
+        raise ValueError(f"runs = {found}; allowed: {allowed}")
+    return found
+
+
+_SEEDS = "allowed: a whole number that is not negative"
+
+
+def _sequence(task: EvaluationTask, suite_seed: int | None, *key: int) -> np.random.SeedSequence:
+    seed = _seed(task, suite_seed)
+    return np.random.SeedSequence(seed, spawn_key=(zlib.crc32((task.seeds_of or task.name).encode()), *key))
+
+
+def _seed(task: EvaluationTask, suite_seed: int | None) -> int:
+    """An error does not repeat what was given: it may be nearly a secret."""
+    try:
+        seed = operator.index(task.suite_seed if suite_seed is None else suite_seed)
+    except TypeError as error:
+        raise ValueError(f"seed of type {type(suite_seed).__name__}; {_SEEDS}") from error
+    if seed < 0:
+        raise ValueError(f"seed below 0; {_SEEDS}")
+    return seed
+
+
+def run_seed(task: EvaluationTask, run: int, suite_seed: int | None = None) -> int:
+    """The environment's seed of one run; the same for every solver."""
+    return int(_sequence(task, suite_seed, run).generate_state(1, np.uint64)[0])
+
+
+def solver_rng(task: EvaluationTask, solver: str, run: int, suite_seed: int | None = None) -> np.random.Generator:
+    """The stream that one solver draws from in one run.
+
+    Its seed sequence, from which it may spawn, is a hash: the suite seed would let a solver make the truth of its run.
+    """
+    source = _sequence(task, suite_seed, zlib.crc32(solver.encode()), run)
+    hashed = hashlib.sha256(repr((source.entropy, source.spawn_key)).encode()).digest()
+    bits = np.random.PCG64(np.random.SeedSequence(int.from_bytes(hashed)))
+    bits.state = np.random.PCG64(source).state
+    return np.random.Generator(bits)
+
+
+def suite_hash(task: EvaluationTask, suite_seed: int | None = None) -> str:
+    """The name of a suite in files: the first 16 digits of :func:`seed_hash`."""
+    return seed_hash(_seed(task, suite_seed))[:16]
+
+
+def seed_hash(seed: int) -> str:
+    """What is published of a secret suite seed beforehand: 64 hex digits of SHA-256."""
+    return hashlib.sha256(f"sins-env suite {seed}".encode()).hexdigest()
+
+
+TASKS: dict[str, EvaluationTask] = {given["name"]: EvaluationTask(**given) for given in DEFINITIONS}
+
+
+def names() -> list[str]:
+    """The names of all tasks."""
+    return list(TASKS)
+
+
+def get_task(name: str | EvaluationTask) -> EvaluationTask:
+    """A task by name; a task is passed through.
+
+    Raises:
+        ValueError: an unknown name; the nearest one is offered.
+    """
+    if isinstance(name, EvaluationTask):
+        return name
+    if name not in TASKS:
+        raise unknown("task", name, TASKS)
+    return TASKS[name]

@@ -1,0 +1,105 @@
+"""What fixes, references and a place must be, whichever file they come from; errors name file, field and row."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from sins_env import attitude, earth
+from sins_env.arrays import Array
+from sins_env.recordings.clock import Clocked
+from sins_env.recordings.mapping import Mapping
+from sins_env.recordings.recording import Gnss, Recording, Reference, seconds
+from sins_env.types import Site
+
+Place = Callable[[int], str]  #: where a row stands in its file: "line 17", "sample 3"
+
+DEG = np.pi / 180
+LATITUDE = "latitude within 89.9 deg, longitude within 360 deg, height in m"
+
+
+def geodetic(path: Path, key: str, place: Place, llh: Array, unit: float = DEG) -> Array:
+    """Latitude rad, longitude rad in [-pi, pi), height m of latitude, longitude (in ``unit``) and metres (n, 3)."""
+    rad = llh[:, :2] * unit if unit != DEG else np.radians(llh[:, :2])
+    bad = np.flatnonzero((np.abs(rad) > [earth.MAX_LATITUDE, 2 * np.pi * (1 + 1e-15)]).any(axis=1))
+    if len(bad):
+        raise ValueError(f"{path}: {key} is {llh[bad[0]]} at {place(int(bad[0]))}; allowed: {LATITUDE}")
+    lon = rad[:, 1]
+    return np.column_stack([rad[:, 0], np.where(np.abs(lon) < np.pi, lon, attitude.wrap(lon)), llh[:, 2]])
+
+
+def check_unit(path: Path, key: str, place: Place, q: Array) -> Array:
+    """Raises ValueError for what is no unit quaternion."""
+    bad = np.flatnonzero(np.abs(np.sum(q * q, axis=-1) - 1.0) > 1e-3)
+    if len(bad):
+        raise ValueError(f"{path}: {key} is not a unit quaternion at {place(int(bad[0]))}")
+    return q
+
+
+def site(pos: Sequence[float] | Array, earth_name: str = "wgs84") -> Site:
+    """The place of latitude rad, longitude rad, height m."""
+    return Site(float(pos[0]), float(pos[1]), float(pos[2]), earth_name)
+
+
+def check_overlap(path: Path, what: str, t: Array, begin: float, end: float) -> None:
+    """Raises ValueError if no stamp lies within the IMU's time: two clocks, most likely."""
+    if not ((t > begin) & (t <= end)).any():
+        raise ValueError(
+            f"{path}: {what} from {seconds(t[0])} to {seconds(t[-1])} s, the IMU from {seconds(begin)} to "
+            f"{seconds(end)} s; allowed: one clock for both"
+        )
+
+
+def with_velocities(gnss: Gnss) -> Gnss:
+    """Velocities where a receiver gave none: differences of its positions over the seconds around each fix.
+
+    Their errors are correlated from fix to fix and lag behind accelerations; better than none, worse than Doppler.
+    Across a missing fix nothing is differenced.
+
+    Raises:
+        ValueError: fewer than two fixes in a row.
+    """
+    model = earth.get("wgs84")
+    meridian, normal = earth.radii(model, gnss.pos[:, 0])
+    scale = np.column_stack(
+        [(normal + gnss.pos[:, 2]) * np.cos(gnss.pos[:, 0]), meridian + gnss.pos[:, 2], np.ones(len(gnss.pos))]
+    )
+    t, lon = gnss.t_s, np.unwrap(gnss.pos[:, 1])
+    enu = np.column_stack([lon, gnss.pos[:, 0], gnss.pos[:, 2]])
+    step = np.diff(t)
+    breaks = np.flatnonzero(step > 1.5 * np.median(step)) + 1 if len(step) else np.array([], dtype=np.int64)
+    parts = [part for part in np.split(np.arange(len(t)), breaks) if len(part) > 1]
+    if not parts:
+        raise ValueError(f"{len(t)} fixes, no two in a row; allowed: at least two for velocities from positions")
+    keep = np.concatenate(parts)
+    vel = np.concatenate([np.gradient(enu[part], t[part], axis=0) * scale[part] for part in parts])
+    std = None if gnss.pos_std is None else gnss.pos_std[keep]
+    return Gnss(t[keep], vel, gnss.pos[keep], std, None)
+
+
+def assemble(
+    path: Path, mapping: Mapping, clock: Clocked, gnss: Gnss | None, reference: Reference | None, lever: Array | None
+) -> Recording:
+    """The recording of text files: on one clock, at the mapping's site, or the first fix's, or the reference's."""
+    t0, rate, dtheta, dvel = clock
+    end = t0 + len(dtheta) / rate
+    if gnss is not None:
+        check_overlap(path, "fixes", gnss.t_s, t0, end)
+        if mapping.velocity_from_positions and gnss.vel is None:
+            gnss = with_velocities(gnss)
+    if reference is not None:
+        check_overlap(path, "the reference", reference.t_s, t0, end)
+    if mapping.site is not None:
+        pos = geodetic(path, "site", lambda i: "its mapping", np.array([mapping.site]))[0]
+    elif gnss is not None:
+        pos = gnss.pos[0]
+    elif reference is not None and reference.pos is not None:
+        pos = reference.pos[0]
+    else:
+        raise ValueError(
+            f"{path}: no place on the earth; allowed: site, gnss or reference in a mapping, for instance "
+            f'{path.stem}.json with {{"site": [latitude deg, longitude deg, height m]}}'
+        )
+    return Recording(path.stem, rate, t0, dtheta, dvel, site(pos), gnss, lever, reference)

@@ -1,0 +1,102 @@
+"""Units of other people's files, and whether what was read can be an IMU on the earth at all."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from sins_env.arrays import Array
+from sins_env.units import ARCSEC, DEG, DEG_PER_H, G0
+
+
+class Unit(NamedTuple):
+    si: float
+    rate: bool = False  #: per second: has to be integrated over the sample
+
+
+GYRO = {
+    "rad": Unit(1.0),
+    "deg": Unit(DEG),
+    "arcsec": Unit(ARCSEC),
+    "rad/s": Unit(1.0, True),
+    "deg/s": Unit(DEG, True),
+    "deg/h": Unit(DEG_PER_H, True),
+}
+ACCEL = {
+    "m/s": Unit(1.0),
+    "m/s2": Unit(1.0, True),
+    "g": Unit(G0, True),
+    "mg": Unit(1e-3 * G0, True),
+}
+TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+ANGLE = {"deg": DEG, "rad": 1.0}
+
+FORCE_RANGE = (5.0, 20.0)  #: m/s^2, the median of |f| over seconds
+MOST_RATE = 2.0 * math.pi  #: rad/s, the median of |w| over seconds
+MOST_ANGLE = math.pi  #: rad in one sample
+
+
+def check_plausible(path: Path | str, rate_hz: float, dtheta: Array, dvel: Array) -> None:
+    """Refuse increments that no IMU on the earth measures; missing samples are NaN.
+
+    Specific force is near 9.8 m/s^2 but for seconds at a time, so a wrong unit of the accelerometers always shows. A
+    wrong unit of the gyros shows when angles come out too large; when they come out too small, it does not.
+
+    Raises:
+        ValueError: says which mistake would explain what was found.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        _check(path, rate_hz, dtheta, dvel)
+
+
+def _check(path: Path | str, rate_hz: float, dtheta: Array, dvel: Array) -> None:
+    per_second = block_means(dvel, rate_hz) * rate_hz
+    force = float(np.median(np.linalg.norm(per_second, axis=1)))
+    if not FORCE_RANGE[0] <= force <= FORCE_RANGE[1]:
+        raise ValueError(
+            f"{path}: specific force is {force:.4g} m/s^2 (median over seconds); allowed: "
+            f"{FORCE_RANGE[0]:g} to {FORCE_RANGE[1]:g}.{_guess(force / 9.8, rate_hz)}"
+        )
+    size = np.sqrt(np.nanmax(np.sum(dtheta * dtheta, axis=1)))
+    rate = float(np.median(np.linalg.norm(block_means(dtheta, rate_hz), axis=1))) * rate_hz
+    if size > MOST_ANGLE or rate > MOST_RATE:
+        at = int(np.nanargmax(np.sum(dtheta * dtheta, axis=1)))
+        raise ValueError(
+            f"{path}: turns by up to {size:.4g} rad in one sample (sample {at}) and by {rate:.4g} rad/s (median); "
+            f"allowed: {MOST_ANGLE:.3g} rad and {MOST_RATE:.3g} rad/s. Degrees given as radians, or rates as increments?"
+        )
+
+
+def block_means(increments: Array, rate_hz: float, block_s: float = 1.0) -> Array:
+    """(B, n) means per sample over blocks of about ``block_s``; blocks with missing samples are left out.
+
+    What is left over at the end is no block; a recording shorter than a block is one, and so is all that is there
+    of one whose every block has a gap.
+    """
+    size = min(max(round(block_s * rate_hz), 1), len(increments))
+    blocks = increments[: len(increments) // size * size].reshape(-1, size, increments.shape[1]).mean(axis=1)
+    whole = blocks[np.isfinite(blocks[:, 0])]
+    return whole if len(whole) else np.nanmean(increments, axis=0, keepdims=True)
+
+
+def _guess(ratio: float, rate_hz: float) -> str:
+    """What would explain specific force being so many times gravity."""
+    mistakes = {
+        "g given as m/s^2": 1 / G0,
+        "m/s^2 given as g": G0,
+        "mg given as m/s^2": 1000 / G0,
+        "g given as mg": 1e-3,
+        "mg given as g": 1e3,
+        "increments (m/s) given as rates (m/s^2)": 1 / rate_hz,
+        "rates (m/s^2) given as increments (m/s)": rate_hz,
+        "rates in g given as increments in m/s": rate_hz / G0,
+    }
+    if not math.isfinite(ratio):
+        return " Wrong columns?"
+    if ratio <= 0:
+        return " Nothing but zeros?"
+    near = min(mistakes, key=lambda name: abs(math.log(ratio / mistakes[name])))
+    return f" Looks like {near}" if abs(math.log(ratio / mistakes[near])) < 0.2 else " Wrong unit, or wrong columns?"

@@ -1,0 +1,128 @@
+"""KF-GINS text files: IMU increments, GNSS fixes, truth.
+
+As its README (section 2.2) and loaders (``src/fileio``, i2Nav-WHU/KF-GINS at 079e59c) have them, rows of numbers
+separated by spaces, tabs or commas:
+
+    IMU    seconds of week; 3 angle increments rad; 3 velocity increments m/s [; odometer m/s]; axes Forward-Right-Down
+    GNSS   seconds of week; latitude, longitude deg; height m; standard deviations North, East, Down m: 7 columns,
+           or 13 with velocity North, East, Down m/s before them and its standard deviations behind (the loader's own
+           comment says only that 13 columns hold a velocity and takes the deviations from columns 8 to 10)
+    truth  week (0 in what KF-GINS writes); seconds of week; latitude, longitude deg; height m; velocity North, East,
+           Down m/s; roll, pitch, yaw deg, yaw clockwise from north, turned yaw, pitch, roll (``src/common/rotation.h``)
+
+A stamp ends its increments. The files know each other by a mapping (``gnss``, ``reference``), which also has the lever
+arm that KF-GINS keeps in its configuration (``antlever``, Forward-Right-Down).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sins_env import attitude, checks
+from sins_env.arrays import Array
+from sins_env.recordings.assembling import assemble, geodetic
+from sins_env.recordings.axes import heading_pitch_roll, swap_ned, to_rfu, turned
+from sins_env.recordings.clock import Samples, check_increasing, clocked
+from sins_env.recordings.mapping import Mapping, companion
+from sins_env.recordings.recording import Gnss, Recording, Reference
+from sins_env.recordings.text import read_table, write_files
+
+AXES = "FRD"
+IMU_COLUMNS, GNSS_COLUMNS, TRUTH_COLUMNS = (7, 8), (7, 13), (11,)
+POS_STD_M, VEL_STD_MPS = 1.0, 0.1  #: written where a recording knows none
+
+
+def load(path: Path, mapping: Mapping) -> Recording:
+    """Increments of one file, with the fixes and the truth that the mapping names; the site is the first fix."""
+    table = read_table(path, IMU_COLUMNS)
+    turn = to_rfu(mapping.axes or AXES)
+    rows = table.rows
+    dtheta, dvel = turned(rows[:, 1:4], turn), turned(rows[:, 4:7], turn)
+    samples = Samples(str(path), "time", table.place, rows[:, 0], dtheta, dvel)
+    clock = clocked(samples, mapping.rate_hz, mapping.resample_hz, mapping.drop_duplicates)
+    gnss = None if mapping.gnss is None else _gnss(_file(path, "gnss", mapping.gnss))
+    reference = None if mapping.reference is None else _truth(_file(path, "reference", mapping.reference))
+    lever = None if mapping.lever_arm_m is None else turn @ np.array(mapping.lever_arm_m)
+    return assemble(path, mapping, clock, gnss, reference, lever)
+
+
+def _file(path: Path, key: str, given: Any) -> Path:
+    if not isinstance(given, str):
+        raise checks.refused(f"{key} of {path.name}", given, "the name of a file beside it")
+    return companion(path, given)
+
+
+def _gnss(path: Path) -> Gnss:
+    table = read_table(path, GNSS_COLUMNS)
+    rows = table.rows
+    check_increasing(str(path), "time", table.place, rows[:, 0])
+    pos = geodetic(path, "position", table.place, rows[:, 1:4])
+    if rows.shape[1] == 7:
+        return Gnss(rows[:, 0], None, pos, np.abs(swap_ned(rows[:, 4:7])))
+    vel, pos_std, vel_std = (swap_ned(rows[:, i : i + 3]) for i in (4, 7, 10))
+    return Gnss(rows[:, 0], vel, pos, np.abs(pos_std), np.abs(vel_std))
+
+
+def _truth(path: Path) -> Reference:
+    table = read_table(path, TRUTH_COLUMNS)
+    rows = table.rows
+    check_increasing(str(path), "time", table.place, rows[:, 1])
+    pos = geodetic(path, "position", table.place, rows[:, 2:5])
+    angles = rows[:, 8:11]
+    bad = np.flatnonzero((np.abs(angles) > [180.0, 90.0, 360.0]).any(axis=1))
+    if len(bad):
+        text = f"{angles[bad[0]]} at {table.place(int(bad[0]))}; allowed: within 180, 90 and 360 deg"
+        raise ValueError(f"{path}: roll, pitch, yaw are {text}")
+    roll, pitch, yaw = np.radians(angles).T
+    return Reference(rows[:, 1], attitude.from_euler(yaw, pitch, roll), swap_ned(rows[:, 5:8]), pos)
+
+
+def save(recording: Recording, path: Path) -> list[Path]:
+    """Write NAME.txt, NAME_gnss.txt and NAME_truth.txt where there is something to write, and their mapping NAME.json.
+
+    Increments keep their bits; times are written to the nanosecond, positions to 1e-12 deg.
+    """
+    here = np.flatnonzero(~recording.missing)
+    t = recording.t0 + (here + 1) / recording.rate_hz
+    turn = to_rfu(AXES).T
+    imu = np.column_stack([t, turned(recording.dtheta[here], turn), turned(recording.dvel[here], turn)])
+    files = [(path, "%.9f" + " %r" * 6, imu)]
+    mapping: dict[str, Any] = {"format": "kfgins", "file": path.name, "axes": AXES, "rate_hz": recording.rate_hz}
+    mapping["site"] = [*np.degrees(recording.site.pos[:2]).tolist(), recording.site.height]
+    if recording.lever_arm is not None:
+        mapping["lever_arm_m"] = (turn @ recording.lever_arm).tolist()
+    if recording.gnss is not None:
+        mapping["gnss"] = f"{path.stem}_gnss{path.suffix}"
+        files.append((path.with_name(mapping["gnss"]), *_gnss_rows(recording.gnss)))
+    if recording.reference is not None:
+        mapping["reference"] = f"{path.stem}_truth{path.suffix}"
+        files.append((path.with_name(mapping["reference"]), *_truth_rows(recording.reference, recording.site.pos)))
+    return write_files(files, path.with_suffix(".json"), mapping)
+
+
+def _llh(pos: Array) -> Array:
+    return np.column_stack([np.degrees(pos[:, :2]), pos[:, 2]])
+
+
+def _gnss_rows(gnss: Gnss) -> tuple[str, Array]:
+    shape = gnss.pos.shape
+    pos_std = np.full(shape, POS_STD_M) if gnss.pos_std is None else swap_ned(gnss.pos_std)
+    place, std = " %.12f %.12f %.6f", " %r" * 3
+    if gnss.vel is None:
+        return "%.9f" + place + std, np.column_stack([gnss.t_s, _llh(gnss.pos), np.abs(pos_std)])
+    vel_std = np.full(shape, VEL_STD_MPS) if gnss.vel_std is None else swap_ned(gnss.vel_std)
+    columns = [gnss.t_s, _llh(gnss.pos), swap_ned(gnss.vel), np.abs(pos_std), np.abs(vel_std)]
+    return "%.9f" + place + " %r" * 3 + std * 2, np.column_stack(columns)
+
+
+def _truth_rows(ref: Reference, parked: Array) -> tuple[str, Array]:
+    """A reference without velocity and position stands still at its site."""
+    count = len(ref.t_s)
+    heading, pitch, roll = np.degrees(heading_pitch_roll(ref.q_nb)).T
+    pos = np.broadcast_to(parked, (count, 3)) if ref.pos is None else ref.pos
+    vel = np.zeros((count, 3)) if ref.vel is None else swap_ned(ref.vel)
+    row = "%d %.9f %.12f %.12f %.6f" + " %r" * 3 + " %.12f" * 3
+    return row, np.column_stack([np.zeros(count), ref.t_s, _llh(pos), vel, roll, pitch, heading])

@@ -1,0 +1,123 @@
+"""GPS fixes: true antenna velocity and position plus errors, at the spec's rate, with outages, outliers and jumps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import attitude, earth
+from sins_env.arrays import Array
+from sins_env.motion import Motion
+from sins_env.sensors.imu import standard_normal
+from sins_env.specs import GpsSpec
+
+Rngs = Sequence[np.random.Generator]
+Fixes = tuple[Array, Array, NDArray[np.int8]]
+
+#: What is told of zero-velocity updates: the base stands still within its disturbances, at a surveyed place.
+ZERO_VELOCITY = GpsSpec(vel_std_mps=0.03, pos_std_m=1.0)
+
+
+def epochs_per_fix(spec: GpsSpec, epoch_s: float) -> int:
+    """How many epochs lie between fixes.
+
+    Raises:
+        ValueError: fixes that do not fall on the ends of epochs.
+    """
+    ratio = 1.0 / (spec.rate_hz * epoch_s)
+    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
+        near = 1.0 / (max(round(ratio), 1) * epoch_s)
+        raise ValueError(
+            f"GPS rate {spec.rate_hz:g} Hz with epochs of {epoch_s:g} s: fixes must fall on the ends of epochs; "
+            f"allowed: {1 / epoch_s:g} Hz divided by a whole number, for instance {near:g} Hz"
+        )
+    return round(ratio)
+
+
+def received(spec: GpsSpec, t: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
+    """Which of the times (...,) s lie outside the outages."""
+    there = np.ones(t.shape, dtype=bool)
+    for start, end in spec.outages_s:
+        there &= ~((t > start) & (t <= end))
+    return there
+
+
+def zero_velocity_fixes(there: NDArray[np.bool_], runs: int, pos: Array) -> Fixes:
+    """Zero-velocity updates at a known place, at the epochs where ``there`` (epochs,); as :meth:`Gps.fixes` gives them."""
+    valid = np.broadcast_to(there[:, None], (runs, len(there), 1))
+    return np.zeros((runs, len(there), 3)), valid * pos, valid.astype(np.int8)
+
+
+class ZeroVelocity:
+    """No receiver: a parked base is said to stand still at its site. Its own motion is the error of these updates."""
+
+    def __init__(self, spec: GpsSpec, epoch_s: float, pos: Array) -> None:
+        self.spec, self._every, self._pos = spec, epochs_per_fix(spec, epoch_s), pos
+
+    def reset(self, streams: Sequence[Sequence[np.random.Generator]]) -> None:
+        """Nothing is drawn."""
+
+    def fixes(self, motion: Motion, first_epoch: int) -> Fixes:
+        """As :meth:`Gps.fixes`."""
+        runs, epochs = motion.state.vel.shape[:2]
+        there = np.arange(first_epoch + 1, first_epoch + epochs + 1) % self._every == 0
+        return zero_velocity_fixes(there, runs, self._pos)
+
+
+class Gps:
+    """A batch of receivers. All draws are made at every epoch, so that a change of rate leaves the errors as they were."""
+
+    def __init__(self, spec: GpsSpec, epoch_s: float, duration_s: float, model: earth.Earth) -> None:
+        self.spec, self.epoch_s, self._earth = spec, epoch_s, model
+        self._every = epochs_per_fix(spec, epoch_s)
+        self._duration = duration_s
+        self._lever = np.asarray(spec.lever_arm_m)
+
+    def reset(self, streams: Sequence[Sequence[np.random.Generator]]) -> None:
+        """``streams``: per run three generators, for noise, outliers, and jumps."""
+        self._noise, self._outliers, jumps = zip(*streams, strict=True)
+        draws = np.stack([rng.random(2) for rng in jumps])
+        direction = 2 * np.pi * draws[:, 0]
+        self._jump = self.spec.jump_mps * np.stack([np.sin(direction), np.cos(direction), 0 * direction], axis=-1)
+        if isinstance(self.spec.jump_s, tuple):
+            start, end = np.full((2, len(draws)), np.array(self.spec.jump_s)[:, None])
+        else:
+            start = draws[:, 1] * max(self._duration - self.spec.jump_s, 0.0)
+            end = start + self.spec.jump_s
+        self._jump_start, self._jump_end = start, end
+
+    def fixes(self, motion: Motion, first_epoch: int) -> Fixes:
+        """Velocity (runs, epochs, 3), position (runs, epochs, 3), valid (runs, epochs, 1); zeros where there is no fix."""
+        runs, epochs = motion.state.vel.shape[:2]
+        number = np.arange(first_epoch + 1, first_epoch + epochs + 1)
+        t = number * self.epoch_s
+        vel, pos = motion.state.vel, motion.state.pos
+        if self._lever.any():
+            C_nb = attitude.to_dcm(motion.state.q_nb)
+            vel = vel + np.matmul(C_nb, np.cross(motion.rate_eb_b, self._lever)[..., None])[..., 0]
+            pos = earth.displace(self._earth, pos, C_nb @ self._lever)
+        errors = self._errors(runs, epochs)
+        vel = vel + self.spec.vel_std * errors[..., :3]
+        if self.spec.jump_mps:
+            inside = (t > self._jump_start[:, None]) & (t <= self._jump_end[:, None])
+            vel = vel + inside[..., None] * self._jump[:, None]
+        pos = earth.displace(self._earth, pos, self.spec.pos_std * errors[..., 3:])
+        present = (number % self._every == 0) & received(self.spec, t)
+        if not present.all():
+            vel, pos = vel * present[:, None], pos * present[:, None]
+        return vel, pos, np.broadcast_to(present[:, None], (runs, epochs, 1)).astype(np.int8)
+
+    def _errors(self, runs: int, epochs: int) -> Array:
+        """Unit errors of each fix, (runs, epochs, 6): Gaussian, contaminated, or heavy-tailed, one factor per fix."""
+        unit = standard_normal(self._noise, (epochs, 6))
+        dof, share = self.spec.heavy_tail_dof, self.spec.contamination
+        if share:
+            hit = np.stack([rng.random(epochs) for rng in self._outliers]) < share
+            unit *= np.where(hit, np.sqrt(self.spec.contamination_factor), 1.0)[..., None]
+        if dof:
+            chi2 = np.stack([rng.chisquare(dof, epochs) for rng in self._outliers])
+            unit *= np.sqrt(dof / chi2)[..., None]
+        return unit

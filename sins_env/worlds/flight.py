@@ -1,0 +1,203 @@
+"""``SINS/NavFlight-v0``: an INS and a GPS receiver in flight, from a told start with stated errors, or from rest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+from sins_env import checks, earth
+from sins_env.arrays import Array
+from sins_env.prior import COARSE_STD_DEG, PRIORS
+from sins_env.sensors.gps import Gps, epochs_per_fix
+from sins_env.sensors.imu import Imu, Script
+from sins_env.specs import GpsSpec, ImuSpec, gps_spec, imu_spec
+from sins_env.trajectory import Flight
+from sins_env.types import NavState, Site, Task
+from sins_env.units import DEG, DEG_PER_H, UG
+from sins_env.worlds.profiles import Profile, flight_profile
+from sins_env.worlds.settings import (
+    STARTS,
+    Timed,
+    check_coarse,
+    check_epoch,
+    check_misalignment,
+    check_samples,
+    check_timing,
+)
+from sins_env.worlds.simulated import SimulatedWorld
+from sins_env.worlds.world import told_start
+
+ENV_ID = "SINS/NavFlight-v0"
+ERRORS = ("drawn", "fixed")
+
+
+@dataclass(frozen=True)
+class FlightSettings(Timed):
+    """Settings of ``SINS/NavFlight-v0``; JSON-able values only.
+
+    ``profile``: a flight of the source documents by name (``sun2012``, ``sun2012-fixed``, ``sun2012-physical``,
+    ``lu-gauss``, ``lu-mixture``, ``zhao2010``, ``hotstart30``, ``hotstart60``, ``hotstart90``), or one's own: a dict of
+    the fields of FlightPlan, or the path of a YAML or JSON file with them, flown with the sensors of ``sun2012``.
+    ``duration`` s cuts it short, and includes ``coarse`` s.
+
+    None leaves what the profile says. ``imu``, ``gps``: a preset's name, or a dict of fields over the profile's own (or
+    over its ``preset``); an ``imu`` given has constant noise. ``attitude_std_deg`` (E, N, U), ``velocity_std_mps``,
+    ``position_std_m``: 1 sigma of the told start. ``errors``: "drawn", or "fixed" for misalignment and biases of + 1 sigma
+    in every run. ``misalignment_deg``: three fixed values. With a told start ``Task.site`` is no more than the region, whose
+    place the start tells with its error. ``start`` "unknown" needs a flight that stands still for
+    ``coarse`` s, by default for as long as it does.
+
+    Raises:
+        ValueError: any value out of its range, or values that do not fit together.
+        FileNotFoundError: no such file.
+    """
+
+    profile: Any = "sun2012"
+    duration: float | None = None
+    epoch: float = 0.1
+    n_sub: int = 1
+    coarse: float | None = None
+    imu: Any = None
+    gps: Any = None
+    start: str = "told"
+    misalignment_deg: tuple[float, ...] | None = None
+    errors: str | None = None
+    attitude_std_deg: tuple[float, ...] | None = None
+    velocity_std_mps: float | None = None
+    position_std_m: float | None = None
+    prior: str = "matched"
+
+    def __post_init__(self) -> None:
+        checks.choice("start", self.start, STARTS)
+        checks.choice("prior", self.prior, PRIORS)
+        set_ = object.__setattr__
+        set_(self, "epoch", check_epoch(self.epoch))
+        set_(self, "n_sub", check_samples(self.n_sub))
+        set_(self, "errors", checks.choice("errors", self.errors or ERRORS[self.base.fixed], ERRORS))
+        self._check_times()
+        set_(self, "misalignment_deg", check_misalignment(self.misalignment_deg, self.start))
+        for name in ("attitude_std_deg", "velocity_std_mps", "position_std_m"):
+            if getattr(self, name) is None:
+                set_(self, name, getattr(self.base, name))
+        checks.keep(self, "attitude_std_deg", checks.numbers, 3, "three positive numbers (E, N, U) or None", above=0.0)
+        for name in ("velocity_std_mps", "position_std_m"):
+            checks.keep(self, name, checks.number, "a positive number or None", above=0.0)
+        epochs_per_fix(self.gps_true, self.epoch)
+        _ = self.imu_true
+
+    def _check_times(self) -> None:
+        plan, set_ = self.base.plan, object.__setattr__
+        if self.start == "unknown" and not plan.rest_s:
+            raise ValueError("start = 'unknown'; allowed: 'told', this flight does not start at rest")
+        set_(self, "coarse", check_coarse(self.coarse, self.start, plan.rest_s))
+        if self.coarse_s > plan.rest_s and self.start == "unknown":
+            allowed = f"at most {plan.rest_s:g} s, while the flight stands still"
+            raise checks.refused("coarse", self.coarse, allowed)
+        duration = plan.duration_s if self.duration is None else checks.number("duration", self.duration)
+        set_(self, "duration", duration)
+        if duration > plan.duration_s + 1e-6:
+            raise checks.refused("duration", self.duration, f"at most {plan.duration_s:g} s, the length of the flight")
+        check_timing(self.epoch, duration, self.coarse_s)
+        plan.check_grid(self.epoch / self.n_sub)
+
+    @cached_property
+    def base(self) -> Profile:
+        return flight_profile(self.profile)
+
+    @property
+    def imu_true(self) -> ImuSpec:
+        return self.base.imu if self.imu is None else imu_spec(self.imu, self.base.imu)
+
+    @property
+    def gps_true(self) -> GpsSpec:
+        return self.base.gps if self.gps is None else gps_spec(self.gps, self.base.gps)
+
+    @property
+    def script(self) -> Script:
+        """What the true sensors do that their spec does not tell."""
+        own = self.base.script if self.imu is None else None
+        return replace(own or Script(), fixed_bias=self.errors == "fixed")
+
+    @property
+    def misalignment(self) -> tuple[float, ...] | None:
+        """Fixed degrees, None where it is drawn."""
+        if self.misalignment_deg is None and self.errors == "fixed":
+            return self.attitude_std_deg
+        return self.misalignment_deg
+
+    @property
+    def gaussian_start(self) -> bool:
+        """Whether the errors of the start are drawn from the Gaussian of a matched prior."""
+        return self.start == "told" and self.misalignment is None
+
+    def task(self) -> Task:
+        """What the estimators are told; the start of an episode is filled in at its reset."""
+        imu, gps, site = self.imu_true, self.gps_true, self.base.plan.site
+        if self.start == "told":
+            site = region(site)
+        spread = self.attitude_std_deg if self.start == "told" else coarse_std_deg(imu, site, self.coarse_s)
+        assert spread is not None
+        assert self.velocity_std_mps is not None
+        assert self.position_std_m is not None
+        prior = replace(
+            PRIORS[self.prior](imu, gps, self.epoch, spread),
+            velocity_std_mps=self.velocity_std_mps,
+            position_std_m=self.position_std_m,
+        )
+        return Task(
+            id=ENV_ID,
+            site=site,
+            epoch_s=self.epoch,
+            n_sub=self.n_sub,
+            duration_s=self.duration_s,
+            coarse_s=self.coarse_s,
+            imu=imu,
+            gps=gps.told(prior.gps_vel_std_mps if self.prior == "thesis" else None),
+            prior=prior,
+            navigate=True,
+        )
+
+
+def region(site: Site) -> Site:
+    """The middle of the cell of 0.01 deg and 100 m: enough for the Earth's rate and gravity, and no told start without error."""
+
+    def middle(value: float, size: float) -> float:
+        return size * (math.floor(value / size + 1e-6) + 0.5)  # a border's last bit decides nothing
+
+    cell = 0.01 * DEG
+    return Site(middle(site.latitude, cell), middle(site.longitude, cell), middle(site.height, 100.0), site.earth)
+
+
+def coarse_std_deg(imu: ImuSpec, site: Site, coarse_s: float) -> tuple[float, ...]:
+    """1 sigma E, N, U after coarse alignment at rest, the general allowance of ``COARSE_STD_DEG`` included.
+
+    The accelerometer bias tilts the level. The heading is that of the Earth's rate, which gyro bias and angle random walk
+    blur, seen as the drift of gravity in inertial space, whose slope over ``coarse_s`` the velocity random walk blurs.
+    equations.md G.1.
+    """
+    model = earth.get(site.earth)
+    gravity = float(earth.gravity(model, site.latitude, site.height))
+    north = model.rate * math.cos(site.latitude)
+    level = imu.accel_bias_ug * UG / gravity
+    gyros = math.hypot(imu.gyro_bias_deg_h * DEG_PER_H, imu.arw / math.sqrt(coarse_s))
+    slope = math.sqrt(12.0 / coarse_s**3) * imu.vrw / gravity
+    azimuth = math.hypot(gyros / north, slope / north, level * math.tan(site.latitude))
+    return tuple(math.hypot(a, b / DEG) for a, b in zip(COARSE_STD_DEG, (level, level, azimuth), strict=True))
+
+
+class FlightWorld(SimulatedWorld):
+    """One flight, the same in every run; sensors and start differ."""
+
+    def __init__(self, settings: FlightSettings) -> None:
+        self.settings, self.task = settings, settings.task()
+        task = self.task
+        self.trajectory = Flight(settings.base.plan, task.epoch_s, task.n_sub)
+        self.imu = Imu(settings.imu_true, task.epoch_s / task.n_sub, settings.script)
+        self.gps = Gps(settings.gps_true, task.epoch_s, task.duration_s, earth.get(task.site.earth))
+
+    def _told(self, truth: NavState, draws: Array) -> NavState | None:
+        if self.settings.start == "unknown":
+            return None
+        return told_start(self.task, self.settings.misalignment, truth, draws)

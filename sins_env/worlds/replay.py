@@ -1,0 +1,116 @@
+"""``SINS/Replay-v0``: a real recording, delivered epoch by epoch like a simulation.
+
+A window of the recording is one episode, whose time begins at 0. With a ``stride`` there are as many windows
+as fit, window i beginning ``i * stride`` seconds after the first. ``reset(options={"window": i})`` picks one;
+without it each run's seed draws one. In the vector environment the option is a list with one index per row,
+or one index for the first row, the others following on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import recordings
+from sins_env.arrays import Array
+from sins_env.prior import COARSE_STD_DEG, PRIORS, TOLD_START_STD_DEG
+from sins_env.sensors.gps import Fixes, epochs_per_fix, received, zero_velocity_fixes
+from sins_env.sensors.imu import standard_normal
+from sins_env.specs import imu_spec
+from sins_env.types import NavState, Task
+from sins_env.worlds.replay_settings import ReplaySettings
+from sins_env.worlds.windows import Windows
+from sins_env.worlds.world import ChunkedWorld, pick_rows, picked, told_start
+
+
+class ReplayWorld(ChunkedWorld):
+    """Windows of one recording; all runs share it."""
+
+    def __init__(self, settings: ReplaySettings) -> None:
+        self.settings = settings
+        self.recording = recordings.load(settings.recording)
+        self.scored = self.recording.reference is not None
+        if self.recording.gnss is not None and self.recording.gnss.vel is None:
+            allowed = 'fixes with velocities, or "velocity_from_positions": true in its mapping'
+            raise ValueError(f"{self.recording.name}: its fixes are positions only; allowed: {allowed}")
+        if settings.start == "told" and not self.scored:
+            raise ValueError("start = 'told'; allowed: 'unknown', the recording has no reference to start from")
+        navigates, ref = settings.mode == "navigate", self.recording.reference
+        if navigates and ref is not None and (ref.vel is None or ref.pos is None):
+            allowed = "a reference with velocities and positions, or mode = 'align'"
+            raise ValueError(
+                f"mode = 'navigate' on {self.recording.name}, whose reference is short of them; allowed: {allowed}"
+            )
+        self.n_sub = settings.samples_per_epoch(self.recording.rate_hz)
+        told, coarse = settings.start == "told", settings.coarse or 0.0
+        self.windows = Windows(
+            self.recording,
+            settings.epoch,
+            self.n_sub,
+            coarse,
+            settings.window,
+            settings.duration,
+            settings.stride,
+            told,
+        )
+        self.gps, imu = settings.fixes(self.recording), imu_spec(settings.imu)
+        gps = self.gps
+        self._every = epochs_per_fix(gps, settings.epoch) if self.recording.gnss is None else 1
+        spread = TOLD_START_STD_DEG if told else COARSE_STD_DEG
+        prior = PRIORS[settings.prior](imu, gps, settings.epoch, spread)
+        self.task = Task(
+            id="SINS/Replay-v0",
+            site=self.recording.site,
+            epoch_s=settings.epoch,
+            n_sub=self.n_sub,
+            duration_s=self.windows.num_epochs * settings.epoch,
+            coarse_s=coarse,
+            imu=imu,
+            gps=gps.told(prior.gps_vel_std_mps if settings.prior == "thesis" else None),
+            prior=prior,
+            navigate=navigates,
+        )
+
+    def reset(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> tuple[NavState, NavState | None]:
+        given, windows = picked(options, "window"), self.windows.first_samples
+        streams = [rng.spawn(2) for rng in rngs]  # window, start
+        self._first_samples = windows[pick_rows("window", given, len(windows), [s[0] for s in streams])]
+        self._rewind()
+        truth = self.truth_at(0)
+        if self.settings.start == "unknown":
+            return truth, None
+        draws = standard_normal([s[1] for s in streams], (9,))
+        pos = None if self.task.navigate else truth.pos
+        return truth, told_start(self.task, self.settings.misalignment_deg, truth, draws, pos)
+
+    def _times(self, first: int, count: int) -> Array:
+        """Ends of epochs first ... first + count - 1 on the clock of the recording, (runs, count)."""
+        samples = self._first_samples[:, None] + np.arange(first, first + count) * self.n_sub
+        return self.recording.t0 + samples / self.recording.rate_hz
+
+    def _chunk(self, first: int, count: int) -> tuple[tuple[Any, ...], NavState]:
+        rows = (self._first_samples + first * self.n_sub)[:, None] + np.arange(count * self.n_sub)
+        shape = (len(rows), count, self.n_sub, 3)
+        increments = (self.recording.dtheta[rows].reshape(shape), self.recording.dvel[rows].reshape(shape))
+        times = self._times(first + 1, count)
+        return (*increments, *self._fixes(times, np.arange(first + 1, first + count + 1))), self._truth(times)
+
+    def _fixes(self, times: Array, number: NDArray[np.int64]) -> Fixes:
+        gnss, there = self.recording.gnss, received(self.gps, number * self.task.epoch_s)
+        if gnss is None:
+            return zero_velocity_fixes(there & (number % self._every == 0), len(times), self.task.site.pos)
+        half = self.windows.half_sample
+        i = np.minimum(np.searchsorted(gnss.t_s, times - half), len(gnss.t_s) - 1)
+        valid = (np.abs(gnss.t_s[i] - times) <= half)[..., None] & there[:, None]
+        assert gnss.vel is not None
+        return gnss.vel[i] * valid, gnss.pos[i] * valid, valid.astype(np.int8)
+
+    def truth_at(self, k: int) -> NavState:
+        """The reference at the end of epoch k, (runs, ...), in any order."""
+        return NavState(*(part[:, 0] for part in self._truth(self._times(k, 1))))
+
+    def _truth(self, times: Array) -> NavState:
+        return recordings.reference_at(self.recording, times, self.windows.half_sample)

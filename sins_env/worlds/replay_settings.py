@@ -1,0 +1,124 @@
+"""Keyword arguments of ``SINS/Replay-v0``, and what the estimators are told of its fixes."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sins_env import checks
+from sins_env.prior import PRIORS
+from sins_env.recordings import Recording
+from sins_env.sensors.gps import ZERO_VELOCITY
+from sins_env.specs import GPS_PRESETS, GpsSpec, gps_spec
+from sins_env.worlds.settings import STARTS, check_coarse, check_epoch, check_misalignment
+
+MODES = ("align", "navigate")
+#: Default of ``coarse``, s: cars stand longer where aligning is all they are there for.
+COARSE_S = {"align": 90.0, "navigate": 60.0}
+
+
+@dataclass(frozen=True)
+class ReplaySettings:
+    """Settings of ``SINS/Replay-v0``; JSON-able values only.
+
+    ``recording``: a path, sought as given and then in $SINS_ENV_DATA. ``window``: (start, length) in s on the
+    recording's clock, None for all of it; it begins at the sample edge nearest to ``start``. ``duration`` s alone
+    is a window of that length from the recording's first epoch on. ``stride``: s.
+    ``n_sub`` None is what epoch and sample rate give. ``mode="navigate"`` asks for attitude, velocity and position of
+    the IMU, "align" for attitude alone. ``coarse`` None is 90 s, 60 s to navigate, or 0 for a told start.
+
+    ``imu`` and ``gps`` are what the estimators are told: a preset's name or a dict of fields. Fixes are told as the
+    preset "dgps" unless another is given: their scatter is less within a minute, but wanders over minutes. Rate and
+    lever arm are the recording's own; ``outages_s``, in s of the window, withholds its fixes. Without GNSS the fix is a
+    zero-velocity update at the known site, by default 0.03 m/s at every epoch (a dict's ``rate_hz`` thins it).
+    ``start="told"`` needs a reference; ``misalignment_deg`` is that of AlignSettings.
+
+    Raises:
+        ValueError: any value out of its range.
+    """
+
+    recording: str = ""
+    window: tuple[float, float] | None = None
+    duration: float | None = None
+    stride: float | None = None
+    epoch: float = 0.1
+    n_sub: int | None = None
+    coarse: float | None = None
+    imu: Any = "rlg-car"
+    gps: Any = None
+    start: str = "unknown"
+    misalignment_deg: tuple[float, ...] | None = None
+    prior: str = "matched"
+    mode: str = "align"
+
+    def __post_init__(self) -> None:
+        checks.choice("start", self.start, STARTS)
+        checks.choice("prior", self.prior, PRIORS)
+        checks.choice("mode", self.mode, MODES)
+        if not self.recording or not isinstance(self.recording, (str, os.PathLike)):
+            raise checks.refused("recording", self.recording, "the path of a recording")
+        set_ = object.__setattr__
+        set_(self, "epoch", check_epoch(self.epoch))
+        set_(self, "coarse", check_coarse(self.coarse, self.start, COARSE_S[self.mode]))
+        set_(self, "misalignment_deg", check_misalignment(self.misalignment_deg, self.start))
+        if self.n_sub is not None:
+            checks.number("n_sub", self.n_sub, "a whole number of samples per epoch, or None")
+        if self.window is not None:
+            allowed = "(start, length) in seconds, or None"
+            set_(self, "window", checks.numbers("window", self.window, 2, allowed))
+        if self.duration is not None:
+            set_(self, "duration", checks.number("duration", self.duration, "a number of seconds, or None"))
+            if self.window is not None:
+                raise ValueError(f"duration = {self.duration:g} with a window; allowed: window = (start, length) alone")
+        if self.stride is not None:
+            checks.number("stride", self.stride, "a positive number of seconds, or None", above=0.0)
+
+    def samples_per_epoch(self, rate_hz: float) -> int:
+        """n_sub at this sample rate.
+
+        Raises:
+            ValueError: epochs that are not whole samples, an ``n_sub`` that does not fit; with one that does.
+        """
+        samples = self.epoch * rate_hz
+        whole = max(round(samples), 1)
+        if abs(samples - whole) > 1e-6:
+            raise ValueError(
+                f"epoch = {self.epoch:g} s is {samples:g} samples of {rate_hz:g} Hz; allowed: whole samples, "
+                f"for instance {whole / rate_hz:g} s"
+            )
+        if self.n_sub is not None and self.n_sub != whole:
+            fitting = f"{whole} for epochs of {self.epoch:g} s at {rate_hz:g} Hz"
+            raise ValueError(f"n_sub = {self.n_sub!r}; allowed: {fitting}, or None")
+        return whole
+
+    def fixes(self, recording: Recording) -> GpsSpec:
+        """The fixes: what the estimators are told of them, and the outages.
+
+        Raises:
+            ValueError: a setting that only a simulation can grant, or a rate that is not the recording's.
+        """
+        gnss = recording.gnss
+        if gnss is None:
+            base = replace(ZERO_VELOCITY, rate_hz=1.0 / self.epoch)
+        else:
+            lever = np.zeros(3) if recording.lever_arm is None else recording.lever_arm
+            rate = 1.0 / float(np.median(np.diff(gnss.t_s))) if len(gnss.t_s) > 1 else 1.0
+            base = replace(GPS_PRESETS["dgps"], rate_hz=rate, lever_arm_m=tuple(map(float, lever)))
+        if self.gps is None:
+            return base
+        if isinstance(self.gps, Mapping) and "preset" not in self.gps:
+            spec = gps_spec(self.gps, base)
+        else:
+            spec = replace(gps_spec(self.gps), rate_hz=base.rate_hz, lever_arm_m=base.lever_arm_m)
+        if spec.jump_mps:
+            raise ValueError(
+                f"jump_mps = {spec.jump_mps:g} in a replay; allowed: in a simulation only, the fixes are real"
+            )
+        if gnss is not None and not math.isclose(spec.rate_hz, base.rate_hz):
+            raise ValueError(f"GpsSpec.rate_hz = {spec.rate_hz:g}; allowed: {base.rate_hz:g}, the recording's own")
+        return spec

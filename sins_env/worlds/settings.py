@@ -1,0 +1,203 @@
+"""Keyword arguments of the alignment environments: checked once, here, with one clear error each."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import checks, earth
+from sins_env.prior import ANY_HEADING_STD_DEG, COARSE_STD_DEG, PRIORS, TOLD_START_STD_DEG
+from sins_env.sensors.gps import epochs_per_fix
+from sins_env.specs import GpsSpec, ImuSpec, gps_spec, imu_spec
+from sins_env.types import Site, Task
+from sins_env.units import DEG
+
+STARTS = ("unknown", "told")
+LONGITUDE_DEG = 116.3  #: Beijing, assumed for 000 (equations.md F)
+
+
+class Timed:
+    """Settings whose ``duration`` and ``coarse`` may be given as None; checked, they are numbers."""
+
+    duration: float | None
+    coarse: float | None
+
+    @property
+    def duration_s(self) -> float:
+        assert self.duration is not None
+        return self.duration
+
+    @property
+    def coarse_s(self) -> float:
+        assert self.coarse is not None
+        return self.coarse
+
+
+@dataclass(frozen=True)
+class SimulationSettings(Timed):
+    """What the simulated bases share; JSON-able values only.
+
+    ``duration`` s includes ``coarse`` s. None: coarse is 120 s (a car 90 s) for an unknown start and 0 for a told one, the
+    fine phase lasts 360 s (a car 210 s). ``imu``, ``gps``: a preset's name or a dict of fields. ``misalignment_deg``: three
+    fixed values, or None for a draw from the prior. ``any_heading`` draws the told heading over the circle, and tells so.
+
+    ``heading_deg`` None draws the mean heading over the circle per run; a list of headings makes as many records, of which
+    ``reset(options={"record": i})`` picks one (without it each run's seed draws one; in the vector environment a list with
+    one index per row, or the index of the first row).
+
+    Raises:
+        ValueError: any value out of its range, or values that do not fit together.
+    """
+
+    COARSE_S: ClassVar[float] = 120.0
+    FINE_S: ClassVar[float] = 360.0
+
+    duration: float | None = None
+    epoch: float = 0.1
+    n_sub: int = 30
+    coarse: float | None = None
+    imu: Any = "thesis-white"
+    gps: Any = "thesis"
+    start: str = "told"
+    misalignment_deg: tuple[float, ...] | None = None
+    any_heading: bool = False
+    prior: str = "matched"
+    latitude_deg: float = 39.96
+    heading_deg: Any = 30.0
+    earth: str = "wgs84"
+
+    def __post_init__(self) -> None:
+        checks.choice("start", self.start, STARTS)
+        checks.choice("prior", self.prior, PRIORS)
+        checks.choice("earth model", self.earth, earth.EARTHS)
+        set_ = object.__setattr__
+        set_(self, "epoch", check_epoch(self.epoch))
+        set_(self, "n_sub", check_samples(self.n_sub))
+        set_(self, "coarse", check_coarse(self.coarse, self.start, self.COARSE_S))
+        duration = self.FINE_S + self.coarse_s if self.duration is None else checks.number("duration", self.duration)
+        set_(self, "duration", duration)
+        check_timing(self.epoch, self.duration_s, self.coarse_s)
+        earth.check_latitude(math.radians(checks.number("latitude_deg", self.latitude_deg, "-89.9 to 89.9")))
+        set_(self, "heading_deg", check_heading(self.heading_deg))
+        set_(self, "misalignment_deg", check_misalignment(self.misalignment_deg, self.start))
+        checks.flag("any_heading", self.any_heading)
+        if self.any_heading and (self.start != "told" or self.misalignment_deg is not None):
+            raise ValueError(
+                f"any_heading with start = {self.start!r}, misalignment_deg = {self.misalignment_deg!r}; "
+                "allowed: with start = 'told' and a drawn misalignment only"
+            )
+        epochs_per_fix(self.gps_true, self.epoch)
+        _ = self.imu_true
+
+    @property
+    def records(self) -> int:
+        """How many there are; 0: runs are drawn."""
+        return len(self.heading_deg) if isinstance(self.heading_deg, tuple) else 0
+
+    def headings(self, records: NDArray[np.int64] | None, runs: int) -> NDArray[np.float64] | None:
+        """The mean heading of the runs that play these records, rad (runs,); None: to be drawn."""
+        if self.heading_deg is None:
+            return None
+        return np.broadcast_to(DEG * np.asarray(self.heading_deg)[... if records is None else records], (runs,))
+
+    @property
+    def imu_true(self) -> ImuSpec:
+        return imu_spec(self.imu)
+
+    @property
+    def gps_true(self) -> GpsSpec:
+        return gps_spec(self.gps)
+
+    @property
+    def gaussian_start(self) -> bool:
+        """Whether the errors of the start are drawn from the Gaussian of a matched prior."""
+        return self.start == "told" and self.misalignment_deg is None and not self.any_heading
+
+    def task(self, env_id: str) -> Task:
+        """What the estimators are told; the start of an episode is filled in at its reset."""
+        spread = TOLD_START_STD_DEG if self.start == "told" else COARSE_STD_DEG
+        if self.any_heading:
+            spread = (*spread[:2], ANY_HEADING_STD_DEG)
+        prior = PRIORS[self.prior](self.imu_true, self.gps_true, self.epoch, spread)
+        return Task(
+            id=env_id,
+            site=Site(math.radians(self.latitude_deg), math.radians(LONGITUDE_DEG), 0.0, self.earth),
+            epoch_s=self.epoch,
+            n_sub=self.n_sub,
+            duration_s=self.duration_s,
+            coarse_s=self.coarse_s,
+            imu=self.imu_true,
+            gps=self.gps_true.told(prior.gps_vel_std_mps if self.prior == "thesis" else None),
+            prior=prior,
+        )
+
+
+def check_heading(given: Any) -> float | tuple[float, ...] | None:
+    """Degrees, degrees by record, or None."""
+    allowed = "a finite angle in degrees, a list of them, or None"
+    if given is None:
+        return None
+    if checks.items(given) is not None:
+        return checks.numbers("heading_deg", given, None, allowed)
+    return checks.number("heading_deg", given, allowed)
+
+
+def check_epoch(given: Any) -> float:
+    """Seconds."""
+    return checks.number("epoch", given, "a positive number of seconds", above=0.0)
+
+
+def check_samples(given: Any) -> int:
+    """IMU samples per epoch."""
+    return checks.whole("n_sub", given, "a whole number of IMU samples per epoch, at least 1", least=1)
+
+
+def check_coarse(given: Any, start: str, default: float) -> float:
+    """Seconds of coarse alignment: ``default`` of them for an unknown start, 0 for a told one.
+
+    Raises:
+        ValueError: an unknown start without a coarse phase, or a told one with it.
+    """
+    if given is None:
+        return 0.0 if start == "told" else default
+    value = checks.number("coarse", given, "a number of seconds, not negative", least=0.0)
+    if start == "told" and value:
+        raise ValueError(f"coarse = {given!r} with start = 'told'; allowed: 0, a told start needs no coarse phase")
+    if start == "unknown" and not value:
+        raise ValueError(f"coarse = {given!r} with start = 'unknown'; allowed: a positive number of seconds, or None")
+    return value
+
+
+def check_misalignment(given: Any, start: str) -> tuple[float, ...] | None:
+    """Three finite angles in degrees, or None.
+
+    Raises:
+        ValueError: anything else, or a misalignment where the start is unknown.
+    """
+    if given is None:
+        return None
+    if start != "told":
+        raise ValueError(f"misalignment_deg with start = {start!r}; allowed: with start = 'told' only")
+    return checks.numbers("misalignment_deg", given, 3, "three finite numbers (E, N, U) in degrees, or None")
+
+
+def check_timing(epoch: float, duration: float, coarse: float, name: str = "duration") -> None:
+    """Epochs must fill the duration and the coarse phase; an episode has at least three.
+
+    Raises:
+        ValueError: what does not fit, and the nearest value that does.
+    """
+    for kind, value, least in ((name, duration, 3), ("coarse", coarse, 0)):
+        count = value / epoch
+        if not math.isfinite(count) or abs(count - round(count)) >= 1e-6 or round(count) < least:
+            near = max(round(count) if math.isfinite(count) else least, least) * epoch
+            raise ValueError(
+                f"{kind} = {value!r} s with epochs of {epoch:g} s; allowed: a whole number of epochs, "
+                f"at least {least}, for instance {near:g} s"
+            )
+    if coarse >= duration:
+        raise ValueError(f"coarse = {coarse:g} s, {name} = {duration:g} s; allowed: coarse shorter than the {name}")

@@ -1,0 +1,53 @@
+"""A swaying or still base: the keyword arguments of its environments, and its world."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sins_env import checks, earth
+from sins_env.sensors.gps import Gps
+from sins_env.trajectory import STILL, THESIS, Sway
+from sins_env.trajectory.sway import MOTIONS
+from sins_env.types import NavState
+from sins_env.worlds.settings import SimulationSettings
+from sins_env.worlds.simulated import BaseWorld
+
+
+@dataclass(frozen=True)
+class AlignSettings(SimulationSettings):
+    """Settings of ``SINS/AlignSway-v0`` and ``SINS/AlignStatic-v0``: those of every simulation, and these two."""
+
+    vibration: bool = False
+    motion: str = "thesis"
+
+    def __post_init__(self) -> None:
+        checks.choice("motion", self.motion, MOTIONS)
+        checks.flag("vibration", self.vibration)
+        super().__post_init__()
+
+
+class SwayWorld(BaseWorld):
+    """A base that sways, or stands still."""
+
+    gps: Gps
+
+    def __init__(self, env_id: str, settings: AlignSettings, still: bool) -> None:
+        super().__init__(env_id, settings)
+        self.settings: AlignSettings = settings
+        task = self.task
+        self.trajectory: Sway = Sway(
+            task.site,
+            task.epoch_s,
+            task.n_sub,
+            STILL if still else THESIS,
+            vibration=settings.vibration,
+            random=settings.motion == "random",
+        )
+        self.gps = Gps(settings.gps_true, task.epoch_s, task.duration_s, earth.get(task.site.earth))
+
+    def _begin(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> NavState:
+        return self.trajectory.reset(rngs, self.settings.headings(self._records(rngs, options), len(rngs)))

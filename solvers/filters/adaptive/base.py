@@ -1,0 +1,250 @@
+"""What the adaptive filters share: they estimate the noise that they are told, and filter with the estimate.
+
+Predict with the estimated q and Q, correct with the estimated r and R, then let the fix speak of the noise
+(solvers/blocks/noise.py); a filter says how it remembers, in ``blend``.
+
+Safeguards, 000 (3.4.45-48) being unusable without (equations.md E.5, errata 33):
+
+- the told noise counts as ``k0`` fixes, else the first fix alone would replace it;
+- ``project``: "diagonal" adapts the variances and keeps the told correlations, "full" the eigenvalues; both hold them
+  within ``floor`` and ``cap`` times what was told, so that a noise told to be zero (a bias) stays zero. "none" does
+  nothing; an estimate that turns indefinite is then counted as a repair at each use;
+- ``guard``: "damp" scales each correction to the share that the noise can have in it, see ``statistic``. Without it
+  a filter that is told the truth is spoilt: as long as the errors of its start dominate, what they do is taken for
+  noise. "positive" is E.5's (c): a variance that hits its floor is replaced by the biased, positive statistic;
+- ``gate``: an innovation beyond this quantile of chi-square counts as one on it.
+
+Between fixes the noise adds up: a fix after several epochs speaks of their sum. A transition with G has its noise
+estimated in the driven directions: q_w = G+ q, Q_w = G+ Q G+'.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env.arrays import Array, Mask
+from sins_env.checks import choice, items, keep, number, unknown, whole
+from solvers.blocks import noise as noises
+from solvers.blocks.moments import SigmaPoints
+from solvers.blocks.noise import Noise
+from solvers.blocks.sigma_rules import Unscented
+from solvers.blocks.square_root import indefinite
+from solvers.filters.base import count
+from solvers.filters.gaussian import GaussianFilter, initial_belief
+from solvers.types import Gaussian, Health, Innovation, Measurement, Transition
+
+PARTS = ("q", "Q", "r", "R")
+Past = tuple[Array, Array]  #: of a mean and a covariance, each (..., slots, elements)
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a transition tells of w; one for all runs, hence no field of arrays."""
+
+    Q: Array  #: (..., p, p) in the driven directions
+    inverse: Array | None  #: G+ (p, n); None: G = I
+
+    @classmethod
+    def by(cls, tr: Transition) -> Told:
+        if tr.G is None:
+            return cls(tr.Q, None)
+        inverse = cast(Array, np.linalg.pinv(tr.G))
+        return cls(inverse @ tr.Q @ inverse.T, inverse)
+
+
+class AdaptiveBelief(NamedTuple):
+    mean: Array  #: (..., n)
+    cov: Array  #: (..., n, n)
+    health: Health
+    noise: Noise  #: in use; R as told where it is not adapted, Q likewise
+    past: tuple[Past, Past]  #: of (q, Q) and (r, R): what the memory keeps beside the estimate
+    told: Told | None  #: of w; None before the first epoch
+    fixes: NDArray[np.int64]  #: (...) so far, and k0
+    idle: NDArray[np.int64]  #: (...) epochs since the last fix
+    gated: NDArray[np.int64]  #: (...) innovations beyond the gate so far
+
+
+@dataclass(frozen=True)
+class AdaptiveFilter(GaussianFilter[Any]):
+    """Base of the adaptive filters; the moment rule is the unscented one."""
+
+    adapt: str | tuple[str, ...] = "Q"  #: which of q, Q, r, R, as "Q", "qQ", ["q", "Q"], or "none"
+    k0: int = 20  #: fixes that the told noise counts for
+    floor: float = 1e-6  #: least variance, relative to the told one
+    cap: float = 1e2  #: largest variance, relative to the told one
+    project: str = "diagonal"  #: "diagonal", "full" or "none"
+    guard: str = "damp"  #: "damp", "positive" or "none"
+    gate: float = 0.999  #: probability of a good innovation to be within the gate; 1: no gate
+    alpha: float = 1.0  #: spread of the points, > 0
+    beta: float = 0.0  #: 2 knows of a Gaussian's fourth moment, 0 nothing beyond the covariance
+    kappa: float = 0.0  #: second spread parameter, > -n
+    root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
+
+    def __post_init__(self) -> None:
+        _ = self.rule  # checks the settings
+        keep(self, "adapt", _parts)
+        keep(self, "project", choice, noises.PROJECTIONS)
+        keep(self, "guard", choice, noises.GUARDS)
+        keep(self, "k0", whole, least=0)
+        keep(self, "floor", number, least=0.0, most=1.0)
+        keep(self, "cap", number, least=1.0)
+        keep(self, "gate", number, above=0.0, most=1.0)
+
+    @cached_property
+    def adapted(self) -> tuple[str, ...]:
+        return () if self.adapt == "none" else tuple(self.adapt)
+
+    @cached_property
+    def rule(self) -> SigmaPoints:
+        return SigmaPoints(Unscented(self.alpha, self.beta, self.kappa), self.root)
+
+    @abstractmethod
+    def blend(self, now: Array, new: Array, past: Array, k: NDArray[np.int64]) -> tuple[Array, Array]:
+        """The estimate (..., s) after the statistic ``new``, the k-th of its run, and the past (..., slots, s) to keep."""
+
+    def init(self, prior: Gaussian, rng: Any = None) -> AdaptiveBelief:
+        """The prior; the noise is zero until the model tells it. ``rng`` is not used."""
+        b = initial_belief(prior)
+        batch = b.mean.shape[:-1]
+        nothing = Gaussian(np.zeros((*batch, 1)), np.zeros((*batch, 1, 1)))
+        zeros = np.zeros(batch, dtype=np.int64)
+        empty = np.zeros((*batch, 1, 1)), np.zeros((*batch, 1, 1))
+        return AdaptiveBelief(*b, Noise(nothing, nothing), (empty, empty), None, zeros + self.k0, zeros, zeros)
+
+    def propagate(self, b: Any, tr: Transition) -> Any:
+        """Predict with the noise in use; its Q is in ``tr``."""
+        return super().predict(b, tr)
+
+    def shift(self, b: Any, q: Array) -> Any:
+        """The prediction moved by the mean (..., n) of the noise."""
+        return b._replace(mean=b.mean + q)
+
+    def update(self, b: Any, me: Measurement) -> tuple[Any, Innovation]:
+        """Correct with the noise in use, which is in ``me``."""
+        return super().correct(b, me)
+
+    def predict(self, b: AdaptiveBelief, tr: Transition) -> AdaptiveBelief:
+        told = Told.by(tr)
+        w = self._believed_w(b, told)
+        q, Q = self._driven(b, w, tr)
+        b = b._replace(noise=b.noise._replace(w=w), told=told, idle=b.idle + 1)
+        x = count(self.propagate(b, tr._replace(Q=Q)), self._indefinite("Q", w.cov))
+        return x if q is None else self.shift(x, q)
+
+    def process_noise(self, b: AdaptiveBelief, tr: Transition) -> Gaussian:
+        """w as estimated, of the whole state."""
+        q, Q = self._driven(b, self._believed_w(b, Told.by(tr)), tr)
+        return Gaussian(np.zeros_like(b.mean) if q is None else q, _each(Q, b))
+
+    def _believed_w(self, b: AdaptiveBelief, told: Told) -> Gaussian:
+        """What is believed of w, in the driven directions: what is told where nothing was learnt yet."""
+        w = b.noise.w
+        if b.told is None or "Q" not in self.adapted:
+            w = w._replace(cov=_each(told.Q, b))
+        return w._replace(mean=np.zeros(w.cov.shape[:-1])) if b.told is None else w
+
+    def _driven(self, b: AdaptiveBelief, w: Gaussian, tr: Transition) -> tuple[Array | None, Array]:
+        """Mean (..., n) and covariance of G w; the mean None where it is not adapted, the covariance the told one."""
+        G, q, Q = tr.G, None, tr.Q
+        if "q" in self.adapted:
+            q = w.mean if G is None else w.mean @ G.T
+        if "Q" in self.adapted and b.told is not None:
+            Q = w.cov if G is None else G @ w.cov @ G.T
+        return q, Q
+
+    def correct(self, b: AdaptiveBelief, me: Measurement) -> tuple[AdaptiveBelief, Innovation]:
+        b = b._replace(noise=b.noise._replace(v=self._told_v(b, me.R)))
+        v, used = b.noise.v, me
+        if "R" in self.adapted:
+            used = used._replace(R=v.cov)
+        if "r" in self.adapted:
+            used = used._replace(z=me.z - v.mean)
+        x, innovation = self.update(b, used)
+        x = count(x, self._indefinite("R", v.cov))
+        if self.adapted and b.told is not None:
+            x = self._learn(b, x, innovation, me.R)
+        return x._replace(fixes=b.fixes + 1, idle=np.zeros_like(b.idle)), innovation
+
+    def _told_v(self, b: AdaptiveBelief, R: Array) -> Gaussian:
+        """What is believed of v before this fix: what is told where nothing was learnt yet."""
+        v, new = b.noise.v, b.fixes == self.k0
+        if "R" not in self.adapted or new.all():
+            v = v._replace(cov=_each(R, b))
+        elif new.any():
+            v = v._replace(cov=np.where(new[..., None, None], R, v.cov))
+        return v._replace(mean=np.where(new[..., None], np.zeros(v.cov.shape[:-1]), v.mean)) if new.any() else v
+
+    def diagnostics(self, b: AdaptiveBelief) -> dict[str, Array]:
+        """The noise in use: means, and variances or, where those are adapted as a whole, covariances."""
+        w, v = b.noise
+        cov = noises.variances if self.project == "diagonal" else np.asarray
+        return {"q": w.mean, "Q": cov(w.cov), "r": v.mean, "R": cov(v.cov), "gated": b.gated.astype(float)}
+
+    def _learn(self, b: AdaptiveBelief, x: AdaptiveBelief, innovation: Innovation, R: Array) -> AdaptiveBelief:
+        """The noise after the fix that led from ``b`` to ``x``."""
+        assert b.told is not None  # for mypy
+        counted, beyond = noises.gated(innovation, self.gate)
+        residual, S = counted[..., None] * innovation.residual, innovation.cov
+        step, spent = counted[..., None] * (x.mean - b.mean), b.cov - x.cov  # K e and K S K'
+        if b.told.inverse is not None:
+            step, spent = step @ b.told.inverse.T, b.told.inverse @ spent @ b.told.inverse.T
+        k, one, epochs = b.fixes + 1, np.ones(b.idle.shape), np.maximum(b.idle, 1.0)
+        w, past_w = self._absorb("qQ", b.noise.w, Gaussian(step, spent), epochs, b.told.Q, b.past[0], k)
+        v, past_v = self._absorb("rR", b.noise.v, Gaussian(residual, S), one, R, b.past[1], k)
+        x = count(x, fallbacks=beyond if beyond.any() else None)
+        return x._replace(noise=Noise(w, v), past=(past_w, past_v), gated=b.gated + beyond)
+
+    def _absorb(
+        self, parts: str, now: Gaussian, moved: Gaussian, epochs: Array, told: Array, past: Past, k: NDArray[np.int64]
+    ) -> tuple[Gaussian, Past]:
+        """One noise after a correction ``moved``, with the covariance of such corrections, has spoken of it."""
+        mean, cov = now
+        past_mean, past_cov = past
+        if parts[0] in self.adapted or parts[1] in self.adapted:
+            new = self.statistic(now, moved, epochs)
+        if parts[0] in self.adapted:
+            mean, past_mean = self.blend(mean, new.mean, past_mean, k)
+            mean = noises.bound_mean(mean, told, self.cap) if self.project != "none" else mean
+        if parts[1] in self.adapted:
+            found, past_cov = self._blend_cov(cov, new.cov, past_cov, k)
+            if self.guard == "positive":
+                biased, _ = self._blend_cov(cov, noises.least(moved, epochs), past[1], k)
+                found = noises.replace_low(found, biased, self.floor * noises.variances(told))
+            cov = noises.bound(found, told, self.floor, self.cap, self.project)
+        return Gaussian(mean, cov), (past_mean, past_cov)
+
+    def statistic(self, now: Gaussian, moved: Gaussian, epochs: Array) -> Gaussian:
+        """Lambda of one noise."""
+        return noises.statistic(now, moved, epochs, self.guard == "damp")
+
+    def _blend_cov(self, now: Array, new: Array, past: Array, k: NDArray[np.int64]) -> tuple[Array, Array]:
+        """``blend`` for covariances: their diagonals where only those are adapted, which keeps the memory small."""
+        p = now.shape[-1]
+        if self.project == "diagonal":
+            variance, past = self.blend(noises.variances(now), noises.variances(new), past, k)
+            return variance[..., None] * np.eye(p), past
+        flat, past = self.blend(now.reshape(*now.shape[:-2], p * p), new.reshape(*new.shape[:-2], p * p), past, k)
+        return flat.reshape(now.shape), past
+
+    def _indefinite(self, part: str, cov: Array) -> Mask | None:
+        return indefinite(cov) if self.project == "none" and part in self.adapted else None
+
+
+def _each(matrix: Array, b: AdaptiveBelief) -> Array:
+    """``matrix`` (p, p) or (..., p, p) for every run."""
+    return np.broadcast_to(matrix, (*b.mean.shape[:-1], *matrix.shape[-2:])).copy()
+
+
+def _parts(name: str, given: Any) -> str | tuple[str, ...]:
+    """Check of ``adapt``; JSON has no tuples."""
+    parts = given if isinstance(given, str) else items(given)
+    for part in [] if given == "none" else [given] if parts is None else parts:
+        if part not in PARTS:
+            raise unknown(name, part, [*PARTS, "none"])
+    return parts if isinstance(parts, str) else tuple(parts or ())

@@ -1,0 +1,150 @@
+"""filterpy 2.0's filters behind our contract: the field's baseline, with its own arithmetic and limits.
+
+Source: R. Labbe, filterpy 2.0.0, classes KalmanFilter, ExtendedKalmanFilter, UnscentedKalmanFilter.
+One run at a time: batch shape (), ``batched`` False. A filterpy object is made for each step and given the
+belief, so nothing hides in it between steps. Its cubature filter is not offered, for its update never sees Q.
+A covariance that filterpy cannot factor freezes the run; nothing is repaired for it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
+from typing import Any, ClassVar
+
+import numpy as np
+import scipy.linalg
+
+from sins_env.arrays import Array
+from solvers.blocks.moments import standard_deviations, tangent
+from solvers.blocks.sigma_rules import Unscented
+from solvers.filters.base import settle
+from solvers.filters.gaussian import Belief, GaussianFilter, initial_belief
+from solvers.filters.registry import register
+from solvers.types import Function, Gaussian, Innovation, Measurement, Transition
+
+
+@cache
+def _filterpy() -> ModuleType:
+    """filterpy.kalman, imported when first used: it pulls in matplotlib, half a second."""
+    import filterpy.kalman
+
+    return filterpy.kalman
+
+
+def _root(P: Array) -> Array:
+    """filterpy's default root, without the ValueError that would hide a non-finite run among wrong shapes."""
+    S: Array = scipy.linalg.cholesky(P, check_finite=False)
+    return S
+
+
+@dataclass(frozen=True)
+class FilterpyFilter(ABC):
+    """Base of the adapters: a subclass makes the filterpy object and lets it predict and update."""
+
+    batched: ClassVar[bool] = False
+
+    @abstractmethod
+    def run(self, b: Belief, tr: Transition, me: Measurement | None) -> Any:
+        """The filterpy object after one step from ``b``."""
+
+    def init(self, prior: Gaussian, rng: Any = None) -> Belief:
+        """The belief at the start, of one run."""
+        shape = np.shape(prior.mean)
+        if len(shape) != 1:
+            raise ValueError(
+                f"{type(self).__name__} takes one run: prior mean of shape (n,), given {shape}. "
+                "Loop over the runs, or use a filter whose `batched` is True."
+            )
+        return initial_belief(prior)
+
+    def step(self, b: Belief, tr: Transition, me: Measurement | None) -> tuple[Belief, Innovation | None]:
+        """Predict, then correct; a run that filterpy breaks on is frozen and marked."""
+        lost = Gaussian(np.full_like(b.mean, np.nan), b.cov), None
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            try:
+                o = self.run(b, tr, me)
+                x = Gaussian(np.array(o.x), np.array(o.P))
+                innovation = None if me is None else Innovation(np.array(o.y), np.array(o.S))
+            except np.linalg.LinAlgError:
+                x, innovation = lost
+        after = settle(b, b._replace(mean=x.mean, cov=x.cov))
+        if me is not None and after.health.frozen:
+            m = me.z.shape[-1]
+            innovation = Innovation(np.full(m, np.nan), np.full((m, m), np.nan))
+        return after, innovation
+
+    def estimate(self, b: Belief) -> Gaussian:
+        return Gaussian(b.mean, b.cov)
+
+    def diagnostics(self, b: Belief) -> dict[str, Array]:
+        return {}
+
+    def relocate(self, b: Belief, g: Function, jac: Callable[[Array], Array]) -> Belief:
+        return GaussianFilter[Belief]().relocate(b, g, jac)
+
+
+@register("filterpy_kf")
+@dataclass(frozen=True)
+class FilterpyKF(FilterpyFilter):
+    """filterpy's KalmanFilter with the tangents of f and h at the origin, as our ``kf``."""
+
+    feedback: ClassVar[str] = "closed"
+
+    def run(self, b: Belief, tr: Transition, me: Measurement | None) -> Any:
+        n, m = b.mean.size, 1 if me is None else me.z.size
+        o = _filterpy().KalmanFilter(dim_x=n, dim_z=m)
+        o.x, o.P = b.mean, b.cov
+        origin = np.zeros(n)
+        start, F = tangent(tr.f, origin, standard_deviations(o.P))
+        o.predict(u=start, B=np.eye(n), F=F, Q=tr.Q)
+        if me is not None:
+            constant, o.H = tangent(me.h, origin, standard_deviations(o.P))
+            o.update(me.z - constant, R=me.R)
+        return o
+
+
+@register("filterpy_ekf")
+@dataclass(frozen=True)
+class FilterpyEKF(FilterpyFilter):
+    """filterpy's ExtendedKalmanFilter with the tangents at the mean, as our ``ekf``."""
+
+    def run(self, b: Belief, tr: Transition, me: Measurement | None) -> Any:
+        n, m = b.mean.size, 1 if me is None else me.z.size
+        o = _filterpy().ExtendedKalmanFilter(dim_x=n, dim_z=m)
+        o.x, o.P, o.Q = b.mean, b.cov, tr.Q
+        predicted, o.F = tangent(tr.f, b.mean, standard_deviations(b.cov))
+        o.predict_x = lambda u=0: setattr(o, "x", predicted)  # the overriding that filterpy's manual asks for
+        o.predict()
+        if me is not None:
+            scale = standard_deviations(o.P)
+            o.update(me.z, HJacobian=lambda x: tangent(me.h, x, scale)[1], Hx=me.h, R=me.R)
+        return o
+
+
+@register("filterpy_ukf")
+@dataclass(frozen=True)
+class FilterpyUKF(FilterpyFilter):
+    """filterpy's UnscentedKalmanFilter on MerweScaledSigmaPoints; 2.0 redraws its points after the prediction."""
+
+    alpha: float = 1.0  #: spread of the points, > 0
+    beta: float = 0.0  #: 2 knows of a Gaussian's fourth moment, 0 nothing beyond the covariance
+    kappa: float = 0.0  #: second spread parameter, > -n
+
+    def __post_init__(self) -> None:
+        Unscented(self.alpha, self.beta, self.kappa)  # the same settings, checked in one place
+
+    def run(self, b: Belief, tr: Transition, me: Measurement | None) -> Any:
+        n, m = b.mean.size, 1 if me is None else me.z.size
+        kalman = _filterpy()
+        points = kalman.MerweScaledSigmaPoints(n, self.alpha, self.beta, self.kappa, sqrt_method=_root)
+        h = None if me is None else me.h
+        o = kalman.UnscentedKalmanFilter(n, m, dt=tr.dt, hx=h, fx=lambda x, dt: tr.f(x), points=points)
+        o.x, o.P, o.Q = b.mean, b.cov, tr.Q
+        o.predict()
+        if me is not None:
+            o.update(me.z, R=me.R)
+        return o

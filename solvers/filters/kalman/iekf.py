@@ -1,0 +1,105 @@
+"""Iterated extended Kalman filter.
+
+Idea: the tangent of the extended Kalman filter is taken where the estimate was before the fix. Take it again where the fix
+moved the estimate, and so on: Gauss-Newton steps to the maximum of the posterior. With a linear h, as that of INS minus GPS,
+all that can be taken again is the tangent of f: ``smooth`` does so, at the estimate of the state before the last transition
+given the fix. Without it the filter is the textbook's, and with a linear h the extended Kalman filter.
+
+Source: Bell & Cathey (1993), doi:10.1109/9.250476; the transition as in Kullberg, Skog & Hendeby (2024), arXiv:2404.15359.
+Shapes: x (..., n), P (..., n, n), z (..., m); ``...`` any batch.
+Departures: a run stops for itself once no state moves by more than ``tolerance`` standard deviations; no line search. ``smooth``
+goes back one transition, not to the last fix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from sins_env.arrays import Array
+from sins_env.checks import flag, keep, number, whole
+from solvers.blocks.conditioning import condition, gain
+from solvers.blocks.moments import Linearized, moments, standard_deviations, tangent_moments
+from solvers.filters.base import count
+from solvers.filters.gaussian import GaussianFilter, initial_belief
+from solvers.filters.registry import register
+from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Moments, Transition
+
+
+@dataclass(frozen=True)
+class Step:
+    """The transition that led to a prediction: what came before it, and Cov(x before, x after)."""
+
+    tr: Transition
+    before: Gaussian
+    cross: Array  #: (..., n, n)
+
+
+class Predicted(NamedTuple):
+    mean: Array  #: (..., n)
+    cov: Array  #: (..., n, n)
+    health: Health
+    step: Step | None  #: None: no transition since the last fix
+
+
+@register("iekf")
+@dataclass(frozen=True)
+class IEKF(GaussianFilter[Predicted]):
+    """The extended Kalman filter with tangents taken anew where the fix led."""
+
+    iterations: int = 5  #: most tangents per fix; 1: the extended Kalman filter
+    tolerance: float = 1e-3  #: in standard deviations
+    smooth: bool = True  #: take the tangent of the last transition anew as well
+
+    def __post_init__(self) -> None:
+        keep(self, "iterations", whole, least=1)
+        keep(self, "tolerance", number, least=0.0)
+        keep(self, "smooth", flag)
+
+    @cached_property
+    def rule(self) -> Linearized:
+        return Linearized("mean")
+
+    def init(self, prior: Gaussian, rng: object = None) -> Predicted:
+        """The belief at the start; a run whose prior is not finite failed at epoch 0. ``rng`` is not used."""
+        return Predicted(*initial_belief(prior), None)
+
+    def predict(self, b: Predicted, tr: Transition) -> Predicted:
+        before = Gaussian(b.mean, b.cov)
+        y, _ = moments(tr.f, before, self.rule)
+        step = Step(tr, before, y.cross) if self.smooth and not isinstance(tr.f, Linear) else None
+        return b._replace(mean=y.mean, cov=y.cov + tr.Q, step=step)
+
+    def correct(self, b: Predicted, me: Measurement) -> tuple[Predicted, Innovation]:
+        x, step, at = Gaussian(b.mean, b.cov), b.step, b.mean
+        first = at if step is None else step.before.mean
+        going = np.ones(at.shape[:-1], dtype=bool)
+        y, H = tangent_moments(me.h, x, at)
+        for _ in range(self.iterations - 1):
+            cross = y.cross if step is None else np.concatenate([step.cross @ H.mT, y.cross], axis=-2)
+            K, _, _ = gain(Moments(y.mean, y.cov + me.R, cross))
+            led = (K @ (me.z - y.mean)[..., None])[..., 0]
+            there = x.mean + led[..., -at.shape[-1] :]
+            going = going & (np.abs(there - at) > self.tolerance * standard_deviations(x.cov)).any(axis=-1)
+            if not going.any():
+                break
+            at = np.where(going[..., None], there, at)  # a run that stands gets the tangents that it has
+            if step is not None:
+                first = np.where(going[..., None], step.before.mean + led[..., : at.shape[-1]], first)
+                x, step = _again(step, first)
+            y, H = tangent_moments(me.h, x, at)
+        after, innovation, repaired = condition(x, y._replace(cov=y.cov + me.R), me.z)
+        return count(b._replace(mean=after.mean, cov=after.cov, step=None), repaired), innovation
+
+    def move(self, b: Predicted, g: Function, jac: Callable[[Array], Array]) -> Predicted:
+        return super().move(b, g, jac)._replace(step=None)
+
+
+def _again(step: Step, at: Array) -> tuple[Gaussian, Step]:
+    """The prediction with the tangent of the transition at ``at`` (..., n), a state before it."""
+    y, _ = tangent_moments(step.tr.f, step.before, at)
+    return Gaussian(y.mean, y.cov + step.tr.Q), replace(step, cross=y.cross)

@@ -1,0 +1,1 @@
+"""Gaussian sums and interacting models: several hypotheses, weighted by their likelihood."""

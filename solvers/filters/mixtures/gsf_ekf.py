@@ -1,0 +1,163 @@
+"""Gaussian sum of extended Kalman filters: a bank over the angle that is least known.
+
+Idea: a tangent taken at a heading that is wrong by tens of degrees tells of information that is not there. So the
+prior is cut, at the first step, into slices of that angle that are narrow enough for a tangent each; each slice is
+an EKF, weighted by how well it predicts. Slices that the fixes rule out are dropped, those that have come to agree
+with the best one are merged into it, and soon one EKF is left. With an angle that is known well it is the EKF.
+
+The angle is found by asking f (solvers/filters/mixtures/angles.py), so the filter runs on any error state, whatever its order.
+Mean and covariance of the mixture are taken about its best component with the angle wound next to it: two modes at
++-170 deg are 20 deg apart.
+
+Source: Sorenson & Alspach (1971), doi:10.1016/0005-1098(71)90097-5; Alspach & Sorenson (1972),
+doi:10.1109/TAC.1972.1100034; flight.md 0 and 7.
+Shapes: weights (..., G), means (..., G, n), covariances (..., G, n, n). G is what the neediest run of the batch still
+uses; slots that another run does not need carry weight zero and a copy of its best component.
+Departures: merging and pruning by these two rules alone, no splitting later on. Only the angle is cut: other errors must be
+small to the tangent of a slice. Tilts of 10 or 20 deg are not, where a fix of 0.1 m/s sees g (1 - cos tilt) in a second and a
+true slice is ruled out by what its tangent left out; in invariant coordinates, the default in navigation, they are.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env.arrays import Array
+from sins_env.checks import choice, keep, number, refused, whole
+from solvers.blocks.conditioning import nis
+from solvers.blocks.mixtures import collapse, merge
+from solvers.blocks.moments import Linearized
+from solvers.filters.mixtures.angles import TURN, least_known_angle, slices
+from solvers.filters.mixtures.base import MixtureFilter, initial_mixture
+from solvers.filters.registry import register
+from solvers.types import Function, Gaussian, Health, Innovation, Measurement, Transition
+
+ESTIMATES = ("mean", "best")
+
+
+class Bank(NamedTuple):
+    weights: Array  #: (..., G)
+    mean: Array  #: (..., G, n)
+    cov: Array  #: (..., G, n, n)
+    health: Health
+    axis: NDArray[np.int64]  #: (...) the angle that was cut; -1: none
+
+
+@register("gsf_ekf")
+@dataclass(frozen=True)
+class GSFEKF(MixtureFilter[Bank]):
+    """A bank of extended Kalman filters over the angle that is least known, as ``f`` shows it."""
+
+    spacing_deg: float = 12.0  #: widest slice
+    components: int = 36  #: most slices
+    prune: float = 1e-8  #: weight below which a slice is dropped
+    merge_within: float = 0.5  #: distance to the best one, in standard deviations, at which a slice is merged into it
+    estimate_by: str = "mean"  #: "mean" of the mixture, or "best": its likeliest component alone
+    axis: int | None = None  #: the angle by its number; None: the filter finds it
+
+    def __post_init__(self) -> None:
+        keep(self, "spacing_deg", number, above=0.0, most=360.0)
+        keep(self, "components", whole, least=3)
+        keep(self, "prune", number, least=0.0, below=0.01)
+        keep(self, "merge_within", number, least=0.0)
+        keep(self, "estimate_by", choice, ESTIMATES)
+        if self.axis is not None:
+            keep(self, "axis", whole, "None, or 0, 1, ... below the number of states", least=0)
+
+    navigation_coordinates: ClassVar[str] = "invariant"  #: of the errors, where the pipeline navigates
+
+    @cached_property
+    def rule(self) -> Linearized:
+        return Linearized("mean")
+
+    def init(self, prior: Gaussian, rng: Any = None) -> Bank:
+        """One component: the prior, to be cut at the first step. ``rng`` is not used."""
+        b = initial_mixture(prior)
+        if self.axis is not None and self.axis >= b.mean.shape[-1]:
+            raise refused("axis", self.axis, f"None, or a whole number < {b.mean.shape[-1]}, the number of states")
+        return Bank(*b, axis=np.full(b.weights.shape[:-1], -1))
+
+    def step(self, b: Bank, tr: Transition, me: Measurement | None) -> tuple[Bank, Innovation | None]:
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            if b.health.epoch == 0:
+                b = self._cut(b, tr.f)
+            after, innovation = super().step(b, tr, me)
+            return self._tidy(after), innovation
+
+    def estimate(self, b: Bank) -> Gaussian:
+        """Mean and covariance about the best component, or that component."""
+        if b.weights.shape[-1] == 1:
+            return Gaussian(b.mean[..., 0, :], b.cov[..., 0, :, :])
+        best = _best(b)
+        if self.estimate_by == "best":
+            return best
+        return collapse(b.weights, Gaussian(best.mean[..., None, :] + _apart(b, best), b.cov))
+
+    def diagnostics(self, b: Bank) -> dict[str, Array]:
+        return {**super().diagnostics(b), "components": (b.weights > 0.0).sum(axis=-1).astype(float)}
+
+    def _cut(self, b: Bank, f: Function) -> Bank:
+        """The slices of the first component along the angle."""
+        x, P = b.mean[..., 0, :], b.cov[..., 0, :, :]
+        axis = least_known_angle(f, x, P) if self.axis is None else np.full(x.shape[:-1], self.axis)
+        here = np.maximum(axis, 0)[..., None]
+        column = np.take_along_axis(P, here[..., None], axis=-1)[..., 0]  # of P
+        variance = np.take_along_axis(column, here, axis=-1)
+        known = (axis[..., None] >= 0) & (variance > 0.0)
+        offsets, weights, narrow = slices(
+            np.where(known, variance, 0.0)[..., 0], math.radians(self.spacing_deg), self.components
+        )
+        regression = column / np.where(known, variance, 1.0)
+        outer = regression[..., :, None] * regression[..., None, :]
+        cov = P + outer * (narrow[..., None, None] - variance[..., None])
+        cut = (weights > 0.0).sum(axis=-1) > 1
+        cov = np.where(cut[..., None, None], cov, P)
+        mean = x[..., None, :] + offsets[..., None] * regression[..., None, :]
+        cov = np.repeat(cov[..., None, :, :], weights.shape[-1], axis=-3)
+        return b._replace(weights=weights, mean=mean, cov=cov, axis=np.where(cut, axis, -1))
+
+    def _tidy(self, b: Bank) -> Bank:
+        """Without the slices that do not count any more; the batch axes keep their runs, G may shrink."""
+        if b.weights.shape[-1] == 1:
+            return b
+        best = _best(b)
+        apart = _apart(b, best)
+        distance = nis(Innovation(apart, best.cov[..., None, :, :]))
+        well = (b.health.failed_at < 0)[..., None]
+        active = b.weights > np.where(well, self.prune, 0.0)
+        near = well & active & (distance <= self.merge_within**2)
+        top = np.arange(active.shape[-1]) == b.weights.argmax(axis=-1)[..., None]
+        near |= top
+        weight, one = merge(np.where(near, b.weights, 0.0), Gaussian(best.mean[..., None, :] + apart, b.cov))
+        weights = np.where(top, weight[..., None], np.where(active & ~near, b.weights, 0.0))
+        weights = np.where(well, weights / weights.sum(axis=-1, keepdims=True), weights)
+        keep = weights > 0.0
+        order = np.argsort(~keep, axis=-1, kind="stable")[..., : max(int(keep.sum(axis=-1).max()), 1)]
+        from_best = (top | ~keep)[..., None]
+        mean = np.where(from_best, one.mean[..., None, :], b.mean)
+        cov = np.where(from_best[..., None], one.cov[..., None, :, :], b.cov)
+        return b._replace(
+            weights=np.take_along_axis(weights, order, axis=-1),
+            mean=np.take_along_axis(mean, order[..., None], axis=-2),
+            cov=np.take_along_axis(cov, order[..., None, None], axis=-3),
+        )
+
+
+def _best(b: Bank) -> Gaussian:
+    """The likeliest component (..., n)."""
+    at = b.weights.argmax(axis=-1)[..., None]
+    mean = np.take_along_axis(b.mean, at[..., None], axis=-2)[..., 0, :]
+    return Gaussian(mean, np.take_along_axis(b.cov, at[..., None, None], axis=-3)[..., 0, :, :])
+
+
+def _apart(b: Bank, best: Gaussian) -> Array:
+    """The means (..., G, n) relative to the best one, the angle wound to within half a turn."""
+    apart = b.mean - best.mean[..., None, :]
+    angle = (np.arange(apart.shape[-1]) == b.axis[..., None])[..., None, :]
+    return np.where(angle, apart - TURN * np.round(apart / TURN), apart)

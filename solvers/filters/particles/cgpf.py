@@ -1,0 +1,65 @@
+"""Gaussian particle filters with particles of the Kalman result: of the cubature filter's, and of the unscented filter's.
+
+Idea: a Kalman step with sigma points says where the belief will be; particles are drawn there and weighed by what the step
+left out: prior times likelihood over the density that they were drawn from. In a linear problem with Gaussian noise all
+weigh the same, and the Kalman result stands.
+
+Source: 000 (5.4.1-18), with 5.4.15 corrected; E.15. Shapes: x (..., n), P (..., n, n), z (..., m).
+Departures: matched particles and marginal weights, as in gpf.py; where the task tells of noise that is not Gaussian, the
+Kalman step takes an R that stands for it at the residual seen, and the proposal is widened (``widen``, rho in 000): the
+posterior then has longer tails than any Kalman result. Widened, particles weigh differently even in a linear problem.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from sins_env.checks import keep, number
+from solvers.blocks.moments import SigmaPoints
+from solvers.blocks.sigma_rules import Unscented
+from solvers.filters.gaussian import GaussianFilter
+from solvers.filters.particles.gaussian_particles import Belief, GaussianParticles
+from solvers.filters.registry import register
+from solvers.types import Gaussian, NoiseLaw, Transition
+
+TOLD_WIDEN = 1.5
+
+
+@register("cgpf")
+@dataclass(frozen=True)
+class CGPF(GaussianParticles):
+    """The cubature Gaussian particle filter."""
+
+    widen: float | None = None  #: rho >= 1, of the proposal's standard deviations; None: 1, or 1.5 for told noise laws
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.widen is not None:
+            keep(self, "widen", number, "a number >= 1 and <= 10, or None", least=1.0, most=10.0)
+
+    def predict(self, b: Belief, tr: Transition) -> Belief:
+        """By sigma points. # 000 (5.4.1-6)"""
+        return GaussianFilter.predict(self, b, tr)
+
+    def proposal(self, prior: Gaussian, kalman: Gaussian, law: NoiseLaw | None) -> Gaussian:
+        rho = self.widen or (1.0 if law is None else TOLD_WIDEN)
+        return kalman._replace(cov=rho**2 * kalman.cov)
+
+
+@register("ugpf")
+@dataclass(frozen=True)
+class UGPF(CGPF):
+    """The unscented Gaussian particle filter."""
+
+    alpha: float = 1.0  #: spread of the points, > 0
+    beta: float = 0.0  #: 2 knows of a Gaussian's fourth moment, 0 nothing beyond the covariance
+    kappa: float = 0.0  #: second spread parameter, > -n
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.rule  # checks the settings
+
+    @cached_property
+    def rule(self) -> SigmaPoints:
+        return SigmaPoints(Unscented(self.alpha, self.beta, self.kappa))

@@ -1,0 +1,124 @@
+"""Particle filter: sampling importance resampling, with systematic resampling and roughening.
+
+Idea: particles follow the model, noise and all; a fix weighs them by its likelihood; where few are left that count, those
+are copied and spread a little. The only filter of the zoo whose belief may have any shape.
+
+Source: Gordon, Salmond & Smith (1993), doi:10.1049/ip-f-2.1993.0015; Liu & West (2001),
+doi:10.1007/978-1-4757-3437-9_10; 004 section 3.2; E.12.
+Shapes: particles (..., M, n), log weights (..., M); f and h get (..., M, n), in slices of the particle axis.
+Departures: roughening is Liu and West's kernel, which shrinks towards the mean by as much as it spreads and so keeps the
+covariance; without it biases, which no noise drives, end on one value. With ``matched``, draws have the moments they stand
+for: noise adds Q exactly, copying and spreading leave mean and covariance as they were. Where fewer than ``min_ess`` or
+2n particles count, they are moved as one to the Kalman result of their moments instead, and the step is counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sins_env.arrays import Array, Mask
+from sins_env.checks import flag, keep, number
+from solvers.blocks.conditioning import condition
+from solvers.blocks.mixtures import effective, normalise
+from solvers.blocks.square_root import cholesky, semidefinite_root
+from solvers.filters.base import count
+from solvers.filters.particles.importance import (
+    bandwidth,
+    cloud_images,
+    cloud_moments,
+    fit,
+    law_for,
+    log_density,
+    stand_in,
+    through,
+)
+from solvers.filters.particles.particle_filter import PREDICT, ROUGHEN, Cloud, ParticleFilter, log_weights
+from solvers.filters.particles.random_points import normals
+from solvers.filters.registry import register
+from solvers.types import Function, Gaussian, Innovation, Measurement, Transition
+
+
+@register("pf")
+@dataclass(frozen=True)
+class PF(ParticleFilter):
+    """The particle filter."""
+
+    roughening: float | None = None  #: the kernel's share of the spread at a resampling; None: the best for a Gaussian
+    matched: bool = True  #: whether draws get the moments that they stand for
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.roughening is not None:
+            keep(
+                self, "roughening", number, "a number >= 0 (copies stay copies) and < 1, or None", least=0.0, below=1.0
+            )
+        keep(self, "matched", flag)
+
+    def init(self, prior: Gaussian, rng: Any = None) -> Cloud:
+        """Particles of the prior; ``rng``: one Generator, or a sequence with one per run."""
+        return self.start(prior, rng)[1]
+
+    def predict(self, b: Cloud, tr: Transition) -> Cloud:
+        """Each particle through f, with noise of its own."""
+        x = through(tr.f, b.x, self.memory_mb)
+        S, repaired = semidefinite_root(tr.Q)
+        noisy = x + normals("random", b.key, b.health.epoch, PREDICT, *x.shape[-2:]) @ S.mT
+        if self.matched:
+            w = np.exp(b.log_w)
+            y = cloud_moments(x, w)
+            noisy, unfit = fit(noisy, y._replace(cov=y.cov + tr.Q), w)
+            b = count(b, unfit)
+        return count(b._replace(x=noisy), repaired)
+
+    def correct(self, b: Cloud, me: Measurement) -> tuple[Cloud, Innovation]:
+        """Weigh; then resample and roughen, or move, where few particles count."""
+        before, y = np.exp(b.log_w), through(me.h, b.x, self.memory_mb)
+        prior, seen = cloud_images(b.x, y, before)
+        law = law_for(self.likelihood, me.law)
+        w, _ = normalise(b.log_w + log_density(me.z[..., None, :] - y, me.R, law))
+        number = effective(w)
+        few = self.too_few(number, b.x.shape[-1])
+        x, rows = b.x, (number < self.resample * self.particles) & ~few
+        ess = np.where(np.isfinite(number), number / self.particles, 0.0)
+        b = count(b._replace(ess=ess), fallbacks=few)
+        repaired = np.zeros(few.shape, dtype=bool)
+        if rows.any():
+            x = x.copy()
+            x[rows], repaired[rows] = self.renewed(b, w, rows)
+            w[rows] = 1.0 / self.particles
+        if few.any():
+            R = stand_in(me.z - seen.mean, seen.cov, me.R, law)
+            kalman, _, repaired_S = condition(prior, seen._replace(cov=seen.cov + R), me.z)
+            moved, unfit = fit(b.x, kalman, before)
+            x, w = np.where(few[..., None, None], moved, x), np.where(few[..., None], before, w)
+            for mask in (repaired_S, unfit):
+                repaired |= few & (mask is not None and mask)
+        after = count(b._replace(x=x, log_w=log_weights(w)), repaired)
+        return after, Innovation(me.z - seen.mean, seen.cov + me.R)
+
+    def renewed(self, b: Cloud, w: Array, rows: Mask) -> tuple[Array, Mask]:
+        """Copies (runs, M, n) of the particles that survive in the runs of the mask, roughened, and which were repaired."""
+        M, n = b.x.shape[-2:]
+        target = cloud_moments(b.x[rows], w[rows])
+        x = np.take_along_axis(b.x[rows], self.survivors(b, w, rows)[..., None], axis=-2)
+        S, repaired = cholesky(target.cov)
+        h = bandwidth(M, n) if self.roughening is None else self.roughening
+        if h:
+            x -= target.mean[:, None, :]
+            x *= np.sqrt(1.0 - h * h)
+            x += normals("random", b.key[rows], b.health.epoch, ROUGHEN, M, n) @ (h * S.mT)
+            x += target.mean[:, None, :]
+        if self.matched:
+            x, repaired = fit(x, target)
+        return x, np.zeros(len(x), dtype=bool) if repaired is None else repaired
+
+    def estimate(self, b: Cloud) -> Gaussian:
+        """Weighted mean and covariance."""
+        return cloud_moments(b.x, np.exp(b.log_w))
+
+    def move(self, b: Cloud, g: Function, jac: Callable[[Array], Array]) -> Cloud:
+        return b._replace(x=through(g, b.x, self.memory_mb))

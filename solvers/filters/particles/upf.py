@@ -1,0 +1,179 @@
+"""Particle filters in which each particle is a Gaussian filter: unscented, and hybrid extended (HEPF).
+
+Idea: a particle (x_i, P_i) is a small Gaussian. A Kalman step of its own takes it through model and fix to N(x^_i, P^_i);
+there the new x_i is drawn, and weighed by likelihood times N(x_i; x-_i, P-_i) over N(x_i; x^_i, P^_i). So particles go
+where the fix says, and few are enough.
+
+Source: van der Merwe, Doucet, de Freitas & Wan (2000), The unscented particle filter, NIPS 13; Aggarwal, Syed & El-Sheimy
+(2008), hybrid extended particle filter; 004 section 3.2; E.16.
+Shapes: particles (..., M, n), (..., M, n, n); f and h get (..., M, n) and (..., M points, n).
+Departures: both sources take each x_i as a point whose transition density is N(f(x), Q), and yet carry a P_i as if it were
+uncertain. In alignment Q is tiny and zero for the biases, P_i is not: the two densities then never meet and one particle
+takes all the weight, however Q is floored. Here P_i is what makes the transition density: after each fix the particles give
+up the share ``kernel`` of their covariance V, x_i shrinks towards the mean and P_i = kernel V (Liu and West's kernel). So
+the mixture of all has the mean and covariance of the particles, and P-_i > 0 without a floor. Draws are fitted to the
+moments of the mixture they come from, as in pf.py, whose rule for too few particles holds too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sins_env.arrays import Array, Mask
+from sins_env.checks import keep, number
+from solvers.blocks.conditioning import condition
+from solvers.blocks.mixtures import collapse, effective, normalise, spread, spread_measurement, widen
+from solvers.blocks.moments import Linearized, MomentRule, SigmaPoints, moments, transform
+from solvers.blocks.sigma_rules import Unscented
+from solvers.blocks.square_root import cholesky, symmetrize
+from solvers.filters.base import count
+from solvers.filters.particles.importance import bandwidth, cloud_moments, fit, law_for, log_density, stand_in, through
+from solvers.filters.particles.particle_filter import PREDICT, ParticleFilter, log_weights
+from solvers.filters.particles.random_points import Keys, normals
+from solvers.filters.registry import register
+from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
+
+
+class Swarm(NamedTuple):
+    x: Array  #: (..., M, n)
+    P: Array  #: (..., M, n, n)
+    log_w: Array  #: (..., M), of weights that sum to one
+    key: Keys  #: (...)
+    ess: Array  #: (...) effective sample size of the last weighing, as a share of the particles
+    health: Health
+
+
+@dataclass(frozen=True)
+class KalmanParticles(ParticleFilter):
+    """Base of the two; a subclass gives the ``rule`` of the filter in each particle."""
+
+    particles: int = 200
+    kernel: float | None = None  #: share of the covariance that the particles' own P_i carry; None: best for a Gaussian
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.kernel is not None:
+            keep(self, "kernel", number, "a number > 0 and < 1, or None", above=0.0, below=1.0)
+        _ = self.rule  # checks the settings
+
+    @cached_property
+    def rule(self) -> MomentRule:
+        raise NotImplementedError(f"{type(self).__name__} has no moment rule")
+
+    def init(self, prior: Gaussian, rng: Any = None) -> Swarm:
+        """Particles of the prior; ``rng``: one Generator, or a sequence with one per run."""
+        share = self.share(np.shape(prior.mean)[-1])
+        x, cloud = self.start(prior, rng, 1.0 - share)
+        P = np.repeat(share * x.cov[..., None, :, :], self.particles, axis=-3)
+        return Swarm(cloud.x, P, cloud.log_w, cloud.key, cloud.ess, cloud.health)
+
+    def predict(self, b: Swarm, tr: Transition) -> Swarm:
+        """Each particle's filter one epoch later."""
+        f = spread(self.sliced(tr.f), b.x.ndim - 2)
+        y, repaired = transform(f, Gaussian(b.x, b.P), self.rule)
+        return count(b._replace(x=y.mean, P=y.cov + widen(tr.Q)), _any(repaired))
+
+    def correct(self, b: Swarm, me: Measurement) -> tuple[Swarm, Innovation]:
+        """Each particle's filter after the fix, a draw from it, and its weight; then the kernel anew."""
+        before, law = np.exp(b.log_w), law_for(self.likelihood, me.law)
+        prior, own = Gaussian(b.x, b.P), spread_measurement(me._replace(h=self.sliced(me.h)), b.x.ndim - 2)
+        y, repaired = moments(own.h, prior, self.rule)
+        R = stand_in(own.z - y.mean, y.cov, own.R, law)
+        hat, _, repaired_S = condition(prior, y._replace(cov=y.cov + R), own.z)
+        x, lost, repaired_P = self.drawn(b, hat, before)
+        log_w = b.log_w + log_density(me.z[..., None, :] - through(me.h, x, self.memory_mb), me.R, law)
+        log_w += _log_normal(x, prior) - _log_normal(x, hat)
+        w, _ = normalise(log_w)
+        number = effective(w)
+        few = self.too_few(number, x.shape[-1])
+        target = cloud_moments(x, w)
+        rows = (number < self.resample * self.particles) & ~few
+        if rows.any():
+            x[rows] = np.take_along_axis(x[rows], self.survivors(b, w, rows)[..., None], axis=-2)
+            w[rows] = 1.0 / self.particles
+        seen = collapse(before, Gaussian(y.mean, y.cov))
+        if few.any():
+            target = _kalman_where(few, target, collapse(before, prior), me, law, self.rule)
+            w = np.where(few[..., None], before, w)
+        share = self.share(x.shape[-1])
+        x, unfit = fit(x, target._replace(cov=(1.0 - share) * target.cov), w)
+        P = np.repeat(share * target.cov[..., None, :, :], self.particles, axis=-3)
+        ess = np.where(np.isfinite(number), number / self.particles, 0.0)
+        b = count(b._replace(x=x, P=P, log_w=log_weights(w), ess=ess), unfit, few)
+        for mask in (repaired, repaired_S, repaired_P):
+            b = count(b, _any(mask))
+        return count(b, lost), Innovation(me.z - seen.mean, seen.cov + me.R)
+
+    def share(self, n: int) -> float:
+        """The kernel's share of the covariance for n states."""
+        return bandwidth(self.particles, n) ** 2 if self.kernel is None else self.kernel
+
+    def drawn(self, b: Swarm, hat: Gaussian, w: Array) -> tuple[Array, Mask | None, Mask | None]:
+        """One draw (..., M, n) from each N(x^_i, P^_i), fitted to the moments of their mixture; two masks of repairs."""
+        S, repaired = cholesky(hat.cov)
+        N = normals("random", b.key, b.health.epoch, PREDICT, *b.x.shape[-2:])
+        x, unfit = fit(hat.mean + (S @ N[..., None])[..., 0], collapse(w, hat), w)
+        return x, unfit, repaired
+
+    def sliced(self, g: Function) -> Function:
+        """g in slices that fit in memory, unless it is linear or has a Jacobian of its own."""
+        if isinstance(g, Linear) or hasattr(g, "jacobian"):
+            return g
+        return partial(through, g, memory_mb=self.memory_mb)
+
+    def estimate(self, b: Swarm) -> Gaussian:
+        """Mean and covariance of the mixture."""
+        return collapse(np.exp(b.log_w), Gaussian(b.x, b.P))
+
+    def move(self, b: Swarm, g: Function, jac: Callable[[Array], Array]) -> Swarm:
+        J = jac(b.x)
+        if J.ndim < b.P.ndim:  # one Jacobian for all particles
+            J = widen(J)
+        return b._replace(x=through(g, b.x, self.memory_mb), P=symmetrize(J @ b.P @ J.mT))
+
+
+@register("upf")
+@dataclass(frozen=True)
+class UPF(KalmanParticles):
+    """The unscented particle filter."""
+
+    alpha: float = 1.0  #: spread of the points, > 0
+    beta: float = 0.0  #: 2 knows of a Gaussian's fourth moment, 0 nothing beyond the covariance
+    kappa: float = 0.0  #: second spread parameter, > -n
+
+    @cached_property
+    def rule(self) -> SigmaPoints:
+        return SigmaPoints(Unscented(self.alpha, self.beta, self.kappa))
+
+
+@register("hepf")
+@dataclass(frozen=True)
+class HEPF(KalmanParticles):
+    """The hybrid extended particle filter."""
+
+    @cached_property
+    def rule(self) -> Linearized:
+        return Linearized("mean")
+
+
+def _kalman_where(few: Mask, other: Gaussian, prior: Gaussian, me: Measurement, law: Any, rule: MomentRule) -> Gaussian:
+    """The Kalman result of ``prior`` in the runs of the mask, ``other`` in the rest."""
+    y, _ = moments(me.h, prior, rule)
+    R = stand_in(me.z - y.mean, y.cov, me.R, law)
+    kalman, _, _ = condition(prior, y._replace(cov=y.cov + R), me.z)
+    mean = np.where(few[..., None], kalman.mean, other.mean)
+    return Gaussian(mean, np.where(few[..., None, None], kalman.cov, other.cov))
+
+
+def _log_normal(x: Array, at: Gaussian) -> Array:
+    """log N(x_i; mean_i, cov_i) (..., M)."""
+    return log_density((x - at.mean)[..., None, :], at.cov)[..., 0]
+
+
+def _any(mask: Mask | None) -> Mask | None:
+    return None if mask is None else np.asarray(mask.any(axis=-1))

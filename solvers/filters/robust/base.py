@@ -1,0 +1,96 @@
+"""Base of the robust cubature filters: the reweighted update, and the guard that keeps it from locking out the fixes.
+
+A filter that rejects what it does not expect cannot tell a run of bad fixes from an estimate that is wrong. The guard
+does, by patience: where the innovation has stayed beyond the ``gate`` for more than ``patience`` fixes on end, the
+estimate is at fault, and so is its covariance. The covariance is then widened until it explains the innovation and the
+ordinary update is taken, fix by fix until one falls within the gate. Bursts of bad fixes longer than the patience are
+believed, so it is a setting. Each fix that is taken this way counts as a fallback, and so does one that is skipped
+because no component of it has any weight left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env.arrays import Array
+from sins_env.checks import keep, number, whole
+from solvers.blocks.conditioning import condition, gate_limit, nis, posterior_cov
+from solvers.blocks.moments import MomentRule, SigmaPoints, moments
+from solvers.blocks.sigma_rules import Cubature
+from solvers.blocks.square_root import either
+from solvers.filters.base import choose, count
+from solvers.filters.gaussian import GaussianFilter, initial_belief
+from solvers.filters.robust.reweighting import FLOOR, Weigh, reweight, widened
+from solvers.types import Gaussian, Health, Innovation, Measurement, Moments
+
+
+class RobustBelief(NamedTuple):
+    mean: Array  #: (..., n)
+    cov: Array  #: (..., n, n)
+    health: Health
+    outside: NDArray[np.int64]  #: (...) fixes on end whose innovation was beyond the gate
+    weight: Array  #: (...) mean weight of the components of the last fix
+
+
+@dataclass(frozen=True)
+class RobustFilter(GaussianFilter[RobustBelief]):
+    """A Gaussian filter whose update is reweighted by ``weigh``; cubature points."""
+
+    rounds: int = 20  #: of the reweighting, at most
+    gate: float = 0.999  #: probability of a good innovation to be within the gate; 1: no gate
+    patience: int = 100  #: fixes on end beyond the gate after which they are believed
+    root: str = "cholesky"  #: "cholesky" or "svd"
+
+    def __post_init__(self) -> None:
+        keep(self, "rounds", whole, least=1)
+        keep(self, "gate", number, least=0.5, most=1.0)
+        keep(self, "patience", whole, least=1)
+        _ = self.rule, self.weigh  # check the settings
+
+    @cached_property
+    def rule(self) -> MomentRule:
+        return SigmaPoints(Cubature(), self.root)
+
+    @cached_property
+    def weigh(self) -> Weigh:
+        raise NotImplementedError(f"{type(self).__name__} has no weights")
+
+    def init(self, prior: Gaussian, rng: Any = None) -> RobustBelief:
+        mean, cov, health = initial_belief(prior)
+        batch = mean.shape[:-1]
+        return RobustBelief(mean, cov, health, np.zeros(batch, dtype=np.int64), np.ones(batch))
+
+    def correct(self, b: RobustBelief, me: Measurement) -> tuple[RobustBelief, Innovation]:
+        prior = Gaussian(b.mean, b.cov)
+        y0, repaired = moments(me.h, prior, self.rule)
+        y = y0._replace(cov=y0.cov + me.R)
+        x, innovation, repaired_S = condition(prior, y, me.z)
+        outside = np.where(nis(innovation) > gate_limit(self.gate, me.z.shape[-1]), b.outside + 1, 0)
+        ordinary = outside > self.patience
+        if ordinary.any():
+            wide, y_wide = widened(prior, y0, me.R, innovation.residual)
+            x, _, _ = condition(wide, y_wide, me.z)
+        fit = reweight(prior, y, me.z, self.weigh, self.rounds)
+        skipped = np.asarray((fit.weights <= FLOOR).all(axis=-1))
+        mean = b.mean + (fit.gain @ innovation.residual[..., None])[..., 0]
+        cov = posterior_cov(prior, self.believed(y, fit.R, fit.weights), fit.gain)
+        x = choose(ordinary, x, choose(skipped, prior, Gaussian(mean, cov)))
+        b = b._replace(mean=x.mean, cov=x.cov, outside=outside, weight=fit.weights.mean(axis=-1))
+        return count(b, either(either(repaired, repaired_S), fit.repaired), ordinary | skipped), innovation
+
+    def believed(self, y: Moments, R: Array, weights: Array) -> Moments:
+        """The moments of z with the noise that the reported covariance takes the fix to have: the told one."""
+        return y
+
+    def diagnostics(self, b: RobustBelief) -> dict[str, Array]:
+        return {"weight": b.weight, "outside": b.outside.astype(float)}
+
+
+def settings_of(flt: RobustFilter) -> dict[str, Any]:
+    """The settings of a filter by name, for one of the same settings and another rule."""
+    return {f.name: getattr(flt, f.name) for f in fields(flt)}

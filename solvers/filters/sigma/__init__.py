@@ -1,0 +1,1 @@
+"""Sigma-point filters: moments through a few chosen points instead of derivatives."""

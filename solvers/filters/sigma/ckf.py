@@ -1,0 +1,31 @@
+"""Cubature Kalman filter.
+
+Idea: the moments of f and h by the third-degree spherical-radial rule: 2n points of equal weight, a pair on
+each axis of the covariance; no parameter.
+
+Source: Arasaratnam & Haykin (2009), doi:10.1109/TAC.2009.2019800; equations in 000 (3.3.71-96), 001 (13-33).
+Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., 2n, n).
+Departures: centred sums instead of sum(chi chi') - x x', which cancels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from solvers.blocks.sigma_rules import Cubature
+from solvers.filters.registry import register
+from solvers.filters.sigma.sigma_point import SigmaPointFilter
+
+
+@register("ckf")
+@dataclass(frozen=True)
+class CKF(SigmaPointFilter):
+    """The cubature Kalman filter."""
+
+    root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
+    form: str = "covariance"  #: "covariance" or "square-root", which carries a root of it and renews it by QR
+
+    @cached_property
+    def point_rule(self) -> Cubature:
+        return Cubature()

@@ -1,0 +1,37 @@
+"""Unscented Kalman filter.
+
+Idea: send 2n + 1 weighted points, which match mean and covariance, through f and h and take the moments of
+their images; no Jacobian.
+
+Source: Julier & Uhlmann (2004), doi:10.1109/JPROC.2003.823141; scaled points: Julier (2002),
+doi:10.1109/ACC.2002.1025369; equations in 000 (3.3.48-3.3.70).
+Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., 2n + 1, n).
+Departures: the points are redrawn after the prediction, for reusing them as 000 (3.3.64) and (3.3.67) do
+leaves Q out of the update; 3.3.54 and 3.3.57-58 corrected; sums about the centre point, so that alpha = 1e-3
+keeps its digits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from solvers.blocks.sigma_rules import Unscented
+from solvers.filters.registry import register
+from solvers.filters.sigma.sigma_point import SigmaPointFilter
+
+
+@register("ukf")
+@dataclass(frozen=True)
+class UKF(SigmaPointFilter):
+    """The unscented Kalman filter; the default settings make it the cubature filter."""
+
+    alpha: float = 1.0  #: spread of the points, > 0
+    beta: float = 0.0  #: 2 knows of a Gaussian's fourth moment, 0 nothing beyond the covariance
+    kappa: float = 0.0  #: second spread parameter, > -n
+    root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
+    form: str = "covariance"  #: "covariance" or "square-root", which carries a root of it and renews it by QR
+
+    @cached_property
+    def point_rule(self) -> Unscented:
+        return Unscented(self.alpha, self.beta, self.kappa)

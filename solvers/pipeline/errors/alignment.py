@@ -1,0 +1,114 @@
+"""The 10-state error model of alignment: how the INS's velocity error and misalignment grow over an epoch. equations.md C.3.
+
+    x = [dV_E, dV_N,  phi_E, phi_N, phi_U,  nabla_x, nabla_y,  eps_x, eps_y, eps_z]
+         m/s          rad                   mg (1e-3 g)        deg/h
+
+The default is the exact large-angle model: with every hatted quantity from the INS, C = C_n^c(phi), C_w of C.1,
+
+    phi' = C_w^-1 [(I - C) omega_in + C d_omega_en - C_hat eps]
+    dV'  = (I - C') f + C' C_hat nabla - (2 omega_ie + omega_en) x dV - d_omega_en x (V - dV),   rows E and N.
+
+``model="thesis"`` takes C to first order in the tilt and C_w = I, as (2.3.4) and (2.3.19) do (for comparison: 1 deg of
+tilt then biases the azimuth by 270 arcsec after 360 s). ``bias_frame="nav"`` takes the biases as constant in n, as the thesis does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sins_env import attitude
+from sins_env.arrays import Array
+from sins_env.checks import unknown
+from sins_env.earth import Earth
+from sins_env.types import NavState
+from solvers.pipeline import feedback
+from solvers.pipeline.errors.model import EpochMap, ErrorModel, front, total, turn_euler
+from solvers.pipeline.strapdown import EpochMotion
+from solvers.types import Transition
+
+MODELS = ("exact", "thesis")
+BIAS_FRAMES = ("body", "nav")
+PHI = slice(2, 5)
+
+
+def first_order_rows(phi: Array) -> Array:
+    """C_n^c to first order in phi_E, phi_N, components in front: (3, ...) -> (3, 3, ...). (2.3.4)."""
+    x, y, z = phi
+    s, c = np.sin(z), np.cos(z)
+    C = np.empty((3, *phi.shape))
+    C[0, 0], C[0, 1], C[0, 2] = c, s, -y
+    C[1, 0], C[1, 1], C[1, 2] = -s, c, x
+    C[2, 0], C[2, 1], C[2, 2] = y * c + x * s, y * s - x * c, 1.0
+    return C
+
+
+class AlignmentMap(EpochMap):
+    """x -> x after the epoch, of ten states."""
+
+    def __init__(self, motion: EpochMotion, exact: bool, body_biases: bool) -> None:
+        super().__init__(motion, motion.C if body_biases else np.eye(3))
+        self._exact = exact
+        # - (2 omega_ie + omega_en) x dV - d_omega_en x V as a matrix on dV; the rest is quadratic in dV
+        VE, VN, VU = front(motion.vel)
+        coriolis = front(motion.dt * (2 * motion.rate_ie + motion.rate_en))[2]
+        east, north, up = self.transport[1, 0], self.transport[0, 1], self.transport[2, 0]
+        K = np.zeros((2, 2, *np.broadcast_shapes(VE.shape, coriolis.shape)))
+        K[0, 0], K[0, 1], K[1, 0], K[1, 1] = up * VN - east * VU, coriolis, -coriolis - up * VE, north * VU
+        self._coriolis = K
+
+    def advance(self, X: Array) -> Array:
+        dV, phi, nabla, eps = X[:2], X[PHI], X[5:7], X[7:]
+        if self._exact:
+            C, s, c = attitude.misalignment_rows(phi)
+        else:
+            C = first_order_rows(phi)
+        rows = C[:, :2]  # of the velocity E and N
+        u = self.force - total(self.accel[:, :2] * nabla, axis=1)
+        gain = self.force[:2] - total(rows * u[:, None], axis=0)  # (I - C') f + C' C_hat nabla, C at the start
+        v = dV + 0.5 * gain  # mid-epoch
+        r = self.rotation(C, self.turn - total(self.transport * v, axis=1), eps)
+        gain -= self.turned_force(rows, r)
+        out = np.empty(X.shape)
+        np.add(dV, gain, out=out[:2])
+        out[:2] += total(self._coriolis * v, axis=1)
+        sway = self.transport[2, 0] * v[0]
+        out[0] -= sway * v[1]
+        out[1] += sway * v[0]
+        if self._exact:
+            turn_euler(phi, r, s, c, out=out[PHI])
+        else:
+            np.add(phi, r, out=out[PHI])
+        out[5:] = X[5:]
+        return out
+
+
+@dataclass(frozen=True)
+class AlignmentErrors(ErrorModel):
+    """The model as settings; epochs are turned into transitions for a filter.
+
+    Raises:
+        ValueError: an unknown ``model`` or ``bias_frame``.
+    """
+
+    model: str = "exact"
+    bias_frame: str = "body"
+
+    phi = PHI
+    seen = fed = slice(0, 2)
+    of_prior = np.array([3, 4, 0, 1, 2, 12, 13, 9, 10, 11])
+
+    def __post_init__(self) -> None:
+        if self.model not in MODELS:
+            raise unknown("model", self.model, MODELS)
+        if self.bias_frame not in BIAS_FRAMES:
+            raise unknown("bias_frame", self.bias_frame, BIAS_FRAMES)
+
+    def transition(self, motion: EpochMotion, Q: Array) -> Transition:
+        return Transition(AlignmentMap(motion, self.model == "exact", self.bias_frame == "body"), Q, None, motion.dt)
+
+    def corrected(self, model: Earth, nav: NavState, x: Array) -> NavState:
+        vel = nav.vel.copy()
+        vel[..., :2] -= x[..., :2]
+        return nav._replace(q_nb=feedback.corrected(nav.q_nb, x[..., PHI]), vel=vel)

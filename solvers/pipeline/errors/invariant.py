@@ -1,0 +1,226 @@
+"""Coordinates of the errors: as the error model has them, or right-invariant on SE_2(3).
+
+The INS's state X_hat and the true X are (C, v, p); their right-invariant error is Exp(xi) = X_hat X^-1:
+
+    Exp(-theta x) = C_n^c(phi),   eta_v = v_hat - C_n^c v = J xi_v,   eta_p = p_hat - C_n^c p = J xi_p
+
+with v = v_hat - dv, p = p_hat - dp, J the left Jacobian of SO(3) at -theta; p is in metres from the site. Biases stay as they
+are. A filter on xi sees the error model through this change of coordinates, at the INS's state of each epoch; what goes back
+into the INS is the exact error of its estimate. Where the earth is flat and at rest and there are no biases, an epoch is
+xi -> A xi exactly, with A independent of the motion (Barrau & Bonnabel 2017, theorem 2, doi:10.1109/TAC.2016.2594085).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sins_env import attitude, earth
+from sins_env.arrays import Array
+from sins_env.earth import Earth
+from sins_env.types import NavState
+from solvers.blocks.mixtures import spread, widen
+from solvers.blocks.moments import tangent
+from solvers.types import Function, Gaussian, Measurement, Transition
+
+Maps = tuple[Function, Callable[[Array], Array]]
+
+COORDINATES = ("euler", "invariant")
+SCALE = 0.1  #: of errors, for the steps of numerical Jacobians: a thousandth of a degree, 1e-5 m/s and m
+NOTHING = 1e-9  #: the size of errors up to which they are zero for a Jacobian: what rounding leaves after a reset
+SMALL = 1e-4  #: squared angle below which series are used
+
+
+class Euler:
+    """The errors of the model, with the misalignment as Euler angles."""
+
+    def prior(self, x: Gaussian, nav: NavState) -> Gaussian:
+        return x
+
+    def transition(self, tr: Transition, before: NavState, after: NavState) -> Transition:
+        return tr
+
+    def measurement(self, me: Measurement, nav: NavState) -> Measurement:
+        return me
+
+    def errors(self, xi: Array, nav: NavState) -> Array:
+        """The model's errors of a filter's estimate."""
+        return xi
+
+    def gaussian(self, xi: Gaussian, nav: NavState) -> Gaussian:
+        return xi
+
+    def reset(self, maps: Maps, before: NavState, after: NavState) -> Maps:
+        return maps
+
+
+class Invariant(Euler):
+    """Right-invariant errors of the model ``NavigationErrors``."""
+
+    def __init__(self, model: Earth, site_pos: Array, position: bool) -> None:
+        self._model, self._site, self._position = model, np.asarray(site_pos), position
+
+    def at(self, nav: NavState) -> Chart:
+        if not self._position:
+            return Chart(nav.vel[..., None, :])
+        return Chart(np.stack([nav.vel, earth.offset(self._model, self._site, nav.pos)], axis=-2))
+
+    def prior(self, x: Gaussian, nav: NavState) -> Gaussian:
+        D = self.at(nav).slope(x.mean.shape[-1])
+        return Gaussian(x.mean, D @ x.cov @ D.mT)
+
+    def transition(self, tr: Transition, before: NavState, after: NavState) -> Transition:
+        a, b = self.at(before), self.at(after)
+        D = b.slope(tr.Q.shape[-1])
+        return tr._replace(f=Through(a, tr.f, b), Q=D @ tr.Q @ D.mT)
+
+    def measurement(self, me: Measurement, nav: NavState) -> Measurement:
+        return me._replace(h=Through(self.at(nav), me.h))
+
+    def errors(self, xi: Array, nav: NavState) -> Array:
+        return self.at(nav).errors(xi)
+
+    def gaussian(self, xi: Gaussian, nav: NavState) -> Gaussian:
+        chart = self.at(nav)
+        J = chart.errors_slope(xi.mean)
+        return Gaussian(chart.errors(xi.mean), J @ xi.cov @ J.mT)
+
+    def reset(self, maps: Maps, before: NavState, after: NavState) -> Maps:
+        """xi -> log(Exp(-xi_hat) Exp(xi)) and its Jacobian."""
+        g = Through(self.at(before), Jacobian(*maps), self.at(after))
+        return g, g.jacobian
+
+
+@dataclass(frozen=True)
+class Jacobian:
+    """A function that knows its Jacobian."""
+
+    g: Function
+    jacobian: Callable[[Array], Array]
+
+    def __call__(self, x: Array) -> Array:
+        return self.g(x)
+
+
+@dataclass(frozen=True)
+class Through:
+    """xi -> g(x of xi), as xi again where ``after`` is given; the Jacobian by the chain rule."""
+
+    before: Chart
+    g: Function
+    after: Chart | None = None
+
+    def __call__(self, xi: Array) -> Array:
+        y = self.g(self.before.errors(xi))
+        return y if self.after is None else self.after.invariant(y)
+
+    def jacobian(self, xi: Array) -> Array:
+        """(..., m, n) at xi (..., n)."""
+        x = self.before.errors(xi)
+        y, J = tangent(self.before.spread(self.g), x, np.full_like(x, SCALE))
+        J = J @ self.before.errors_slope(xi)
+        return J if self.after is None else self.after.invariant_slope(y) @ J
+
+
+class Chart:
+    """xi <-> x at an INS's state: ``held`` (..., k, 3), its velocity and, with k = 2, its place in metres from the site."""
+
+    def __init__(self, held: Array) -> None:
+        self._held, self._ndim = held, held.ndim - 1
+
+    def spread(self, g: Function) -> Function:
+        """``g`` for the points around the components of a mixture, too."""
+        return spread(g, self._ndim - 1)
+
+    def errors(self, xi: Array) -> Array:
+        """x (..., n) of xi (..., n)."""
+        return self._planes(xi, self._errors)
+
+    def invariant(self, x: Array) -> Array:
+        """xi (..., n) of x (..., n)."""
+        return self._planes(x, self._invariant)
+
+    def errors_slope(self, xi: Array) -> Array:
+        """d x / d xi (..., n, n); closed form at zero, where a closed loop keeps its filter."""
+        n = xi.shape[-1]
+        return _slope(self.errors, xi, 2.0 * np.eye(n) - self.slope(n))  # (I + N)^-1 = I - N
+
+    def invariant_slope(self, x: Array) -> Array:
+        """d xi / d x (..., n, n)."""
+        return _slope(self.invariant, x, self.slope(x.shape[-1]))
+
+    def slope(self, n: int) -> Array:
+        """d xi / d x at zero (..., n, n)."""
+        D = np.broadcast_to(np.eye(n), (*self._held.shape[:-2], n, n)).copy()
+        for i in range(self._held.shape[-2]):
+            D[..., 3 + 3 * i : 6 + 3 * i, :3] = -attitude.skew(self._held[..., i, :])
+        return D
+
+    def _planes(self, x: Array, g: Callable[[Array, Array], Array]) -> Array:
+        if x.ndim == self._ndim:
+            return self._planes(x[..., None, :], g)[..., 0, :]
+        n, batch = x.ndim - 1, self._held.ndim - 2
+        held = self._held.transpose(batch, batch + 1, *range(batch))[..., None]
+        if x.ndim > self._ndim + 1:  # components of a mixture, and points
+            held = held[..., None]
+        return np.ascontiguousarray(g(x.transpose(n, *range(n)), held).transpose(*range(1, n + 1), 0))
+
+    def _errors(self, X: Array, held: Array) -> Array:
+        theta = X[:3]
+        a1, a2, a3, _ = coefficients(theta)
+        out = X.copy()
+        x, y, z = theta
+        out[0] = np.arcsin(np.clip(a1 * x + a2 * y * z, -1.0, 1.0))
+        out[1] = np.arctan2(a1 * y - a2 * x * z, 1.0 - a2 * (x * x + y * y))
+        out[2] = np.arctan2(a1 * z - a2 * x * y, 1.0 - a2 * (x * x + z * z))
+        for i, value in enumerate(held):
+            rows = slice(3 + 3 * i, 6 + 3 * i)
+            eta = turned(theta, X[rows], -a2, a3)
+            out[rows] = value - turned(theta, value - eta, a1, a2)  # C' = Exp(theta x)
+        return out
+
+    def _invariant(self, X: Array, held: Array) -> Array:
+        q = np.moveaxis(attitude.correction_quaternion(np.moveaxis(X[:3], 0, -1)), -1, 0)  # of C'
+        q = np.where(q[0] < 0.0, -q, q)
+        sine = np.sqrt(np.add.reduce(q[1:] * q[1:], axis=0))
+        out = X.copy()
+        theta = out[:3]
+        theta[:] = q[1:] * np.where(sine > 1e-8, 2.0 * np.arctan2(sine, q[0]) / np.maximum(sine, 1e-8), 2.0)
+        a1, a2, _, c = coefficients(theta)
+        for i, value in enumerate(held):
+            rows = slice(3 + 3 * i, 6 + 3 * i)
+            eta = value - turned(theta, value - X[rows], -a1, a2)
+            out[rows] = turned(theta, eta, 0.5, c)
+        return out
+
+
+def _slope(g: Function, x: Array, at_zero: Array) -> Array:
+    """The Jacobian (..., n, n) of g at x: ``at_zero`` in the runs where x is nothing. Biases, the last six, stay as they are."""
+    away = np.abs(x).max(axis=-1) > NOTHING
+    if x.ndim == at_zero.ndim:  # components of a mixture
+        at_zero = widen(at_zero)
+    if not away.any():
+        return at_zero
+    J = np.broadcast_to(np.eye(x.shape[-1]), (*x.shape, x.shape[-1])).copy()
+    J[..., :-6, :-6] = tangent(g, x[..., :-6], np.full_like(x[..., :-6], SCALE))[1]
+    return np.where(away[..., None, None], J, at_zero)
+
+
+def turned(theta: Array, y: Array, a: Array | float, b: Array) -> Array:
+    """y + a theta x y + b theta x (theta x y), components in front."""
+    once = attitude.cross_planes(theta, y)
+    moved: Array = y + a * once + b * attitude.cross_planes(theta, once)
+    return moved
+
+
+def coefficients(theta: Array) -> tuple[Array, Array, Array, Array]:
+    """sin t / t, (1 - cos t) / t^2, (1 - sin t / t) / t^2 and (1 - (t / 2) cot(t / 2)) / t^2 of t = |theta|, (3, ...)."""
+    t2 = np.add.reduce(theta * theta, axis=0)
+    t = np.sqrt(t2)
+    a1, a2 = np.sinc(t / np.pi), 0.5 * np.sinc(0.5 * t / np.pi) ** 2
+    small, safe = t2 < SMALL, np.maximum(t2, SMALL)
+    a3 = np.where(small, 1 / 6 - t2 / 120, (1.0 - a1) / safe)
+    c = np.where(small, 1 / 12 + t2 / 720, (1.0 - 0.5 * a1 / a2) / safe)
+    return a1, a2, a3, c

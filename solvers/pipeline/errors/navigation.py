@@ -1,0 +1,137 @@
+"""The 15-state error model of navigation: misalignment of any size, velocity, position and biases. equations.md C.2.
+
+    x = [phi_E, phi_N, phi_U,  dv_E, dv_N, dv_U,  dp_E, dp_N, dp_U,  eps_x, eps_y, eps_z,  nabla_x, nabla_y, nabla_z]
+         rad                   m/s                m                  deg/h                 mg (1e-3 g)
+
+in the order of :class:`sins_env.prior.Prior`. With every hatted quantity from the INS and C = C_n^c(phi),
+
+    phi' = C_w^-1 [(I - C) omega_in + C d_omega_in - C_hat eps]
+    dv'  = (I - C') f + C' C_hat nabla - (2 omega_ie + omega_en) x dv - (2 d_omega_ie + d_omega_en) x (v - dv) + d_g
+    dp'  = dv + K dp,   d_omega_in = T dv + W dp
+
+dp = (dlambda (R_N + h) cos L, dL (R_M + h), dh), radii and latitude at the INS's place. K and W are the curvature of the
+earth on the true velocity v - dv (C.2 has v: the difference counts in open loop, after kilometres). ``position=False``
+leaves dp out, for a base that does not travel: 12 states.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import attitude, earth
+from sins_env.arrays import Array
+from sins_env.earth import Earth
+from sins_env.prior import Prior
+from sins_env.types import NavState
+from solvers.pipeline import feedback
+from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT, EpochMap, ErrorModel, front, total, turn_euler
+from solvers.pipeline.strapdown import EpochMotion
+from solvers.types import Transition
+
+PHI, VEL, POS = slice(0, 3), slice(3, 6), slice(6, 9)
+
+
+class NavigationMap(EpochMap):
+    """x -> x after the epoch, of fifteen states, or of twelve without position."""
+
+    def __init__(self, motion: EpochMotion, position: bool) -> None:
+        super().__init__(motion, motion.C)
+        self._h, self._position = motion.dt, position
+        self._coriolis = front(motion.dt * (2 * motion.rate_ie + motion.rate_en))
+        self._vel = front(motion.vel)
+        if position:
+            self._place(motion)
+
+    def _place(self, motion: EpochMotion) -> None:
+        """What a position error does, per metre: to omega_ie, to gravity, and by the curvature of the earth."""
+        h, vN, vU = motion.dt, self._vel[1], self._vel[2]
+        T = front(motion.transport, 2, self._ndim)
+        self._curve = E, N = np.stack([T[1, 0], -T[0, 1]])  # 1 / (R_N + h), 1 / (R_M + h)
+        self._tan = tan = T[2, 0] / E
+        rate_ie = front(motion.rate_ie, 1, self._ndim)
+        self._ie = h * N * np.stack([-rate_ie[2], rate_ie[1]])
+        self._gravity_north = -h * N * front(motion.gravity_slope[..., None], 1, self._ndim)[0]
+        self._scale = h * np.stack([vU * E - vN * N * tan, vU * N])  # of dp, as the INS moves
+
+    def advance(self, X: Array) -> Array:
+        phi, dv, eps, nabla = X[PHI], X[VEL], X[-6:-3], X[-3:]
+        C, s, c = attitude.misalignment_rows(phi)
+        u = self.force - total(self.accel * nabla, axis=1)
+        gain = self.force - total(C * u[:, None], axis=0)  # (I - C') f + C' C_hat nabla, C at the start
+        v = dv + 0.5 * gain  # mid-epoch
+        d_in = total(self.transport * v[:2], axis=1)
+        d_coriolis, true = d_in, self._vel - v
+        out = np.empty(X.shape)
+        if self._position:
+            p = X[POS] + 0.5 * self._h * dv
+            turn, shift = self._curved(true, p)
+            d_ie = self._ie * p[1]
+            d_in += turn
+            d_coriolis = d_in.copy()
+            d_in[1:] += d_ie
+            d_coriolis[1:] += 2 * d_ie
+            gain[2] += self._gravity_north * p[1] + (self._h * earth.FREE_AIR) * p[2]
+        r = self.rotation(C, self.turn - d_in, eps)
+        turn_euler(phi, r, s, c, out=out[PHI])
+        gain -= self.turned_force(C, r)
+        gain -= attitude.cross_planes(self._coriolis, v)
+        gain -= attitude.cross_planes(d_coriolis, true)
+        np.add(dv, gain, out=out[VEL])
+        if self._position:
+            np.add(X[POS], self._h * (dv + 0.5 * gain), out=out[POS])
+            out[POS][:2] += shift
+        out[-6:] = X[-6:]
+        return out
+
+    def _curved(self, v: Array, p: Array) -> tuple[Array, Array]:
+        """What a position error p changes in the rotation omega_en of the epoch (3, ...) and in dp itself (2, ...)."""
+        E, N = self._curve
+        east, north = (self._h * self._curve) * v[:2]  # angles flown
+        drop, lead = E * p[2], self._tan * N * p[1]
+        turn = np.empty(v.shape)
+        turn[0] = north * N * p[2]
+        turn[1] = -east * drop
+        turn[2] = east * ((1.0 + self._tan * self._tan) * N * p[1] - self._tan * drop)
+        shift = self._scale * p[:2]
+        shift[0] += east * (lead / E - p[2])
+        shift[1] -= north * p[2]
+        return turn, shift
+
+
+@dataclass(frozen=True)
+class NavigationErrors(ErrorModel):
+    """The model as settings; epochs are turned into transitions for a filter."""
+
+    position: bool = True
+
+    phi = PHI
+    fed = slice(VEL.start, None)
+
+    @property
+    def seen(self) -> slice:  # type: ignore[override]
+        return slice(VEL.start, POS.stop if self.position else VEL.stop)
+
+    @cached_property
+    def of_prior(self) -> NDArray[np.int64]:  # type: ignore[override]
+        return np.arange(15) if self.position else np.delete(np.arange(15), POS)
+
+    def noise(self, prior: Prior) -> Array:
+        """Q (n, n) of one epoch; white acceleration of density q gives dv and dp q [T, T^2/2; T^2/2, T^3/3]."""
+        Q, T = prior.Q.copy(), prior.epoch_s
+        Q[VEL, POS] = Q[POS, VEL] = 0.5 * T * prior.Q[VEL, VEL]
+        Q[POS, POS] = T * T / 3 * prior.Q[VEL, VEL]
+        return self._select(Q)
+
+    def transition(self, motion: EpochMotion, Q: Array) -> Transition:
+        return Transition(NavigationMap(motion, self.position), Q, None, motion.dt)
+
+    def corrected(self, model: Earth, nav: NavState, x: Array) -> NavState:
+        pos = earth.displace(model, nav.pos, -x[..., POS]) if self.position else nav.pos
+        return NavState(feedback.corrected(nav.q_nb, x[..., PHI]), nav.vel - x[..., VEL], pos)
+
+    def biases(self, x: Array) -> tuple[Array, Array]:
+        return x[..., -6:-3] * GYRO_UNIT, x[..., -3:] * ACCEL_UNIT
