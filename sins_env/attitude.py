@@ -1,6 +1,6 @@
 """Attitude: quaternions, direction cosines, Euler angles and the misalignment between two navigation frames.
 
-Conventions (equations.md 0, A.2, A.3, C.1): quaternions are Hamilton, scalar first, ``q_nb`` turns body vectors into n;
+Conventions (docs/mathematics/frames.md): quaternions are Hamilton, scalar first, ``q_nb`` turns body vectors into n;
 heading is clockwise from north, pitch nose up, roll right side down; a misalignment phi (E, N, U) turns n into the
 computed frame c by right-handed rotations about U, then E, then N, and C_hat_nb = C_n^c(phi) C_nb.
 """
@@ -90,7 +90,7 @@ TINY = 1e-300  #: keeps 0 / 0 from a rotation by nothing
 
 
 def from_rotvec(rotvec: Array) -> Array:
-    """q of a rotation vector in rad, (..., 3) -> (..., 4). equations.md A.3."""
+    """q of a rotation vector in rad, (..., 3) -> (..., 4). docs/mathematics/frames.md#quaternion."""
     angle = np.sqrt(np.add.reduce(rotvec * rotvec, axis=-1, keepdims=True))
     sine, cosine = sincos(0.5 * angle)
     return np.concatenate([cosine, sine / np.maximum(angle, TINY) * rotvec], axis=-1)
@@ -162,7 +162,7 @@ def to_euler(C: Array) -> tuple[Array, Array, Array]:
 
 
 def body_rate(angles: Array, rates: Array) -> Array:
-    """omega_nb^b (..., 3) of heading, pitch, roll and their rates, (..., 3) each. equations.md A.2."""
+    """omega_nb^b (..., 3) of heading, pitch, roll and their rates, (..., 3) each. docs/mathematics/frames.md#body-rate."""
     tilt = np.moveaxis(angles, -1, 0)[1:]
     return np.stack(body_rate_planes(np.sin(tilt), np.cos(tilt), np.moveaxis(rates, -1, 0)), axis=-1)
 
@@ -206,7 +206,7 @@ def misalignment_rows(phi: Array) -> tuple[Array, Array, Array]:
     """C_n^c and the sine and cosine of phi with the components in FRONT: phi (3, ...) -> (3, 3, ...), (3, ...), (3, ...).
 
     Sigma-point filters evaluate this thousands of times per epoch; planes of components are what NumPy is fast on.
-    C_n^c = R_N(phi_N) R_E(phi_E) R_U(phi_U). equations.md C.1 (001 (6) corrected, erratum 66).
+    C_n^c = R_N(phi_N) R_E(phi_E) R_U(phi_U). docs/mathematics/frames.md#misalignment (001 (6) corrected, erratum 66).
     """
     s, c = sincos(phi)
     sx, sy, sz = s
@@ -223,7 +223,7 @@ def misalignment_rows(phi: Array) -> tuple[Array, Array, Array]:
 
 
 def misalignment_dcm(phi: Array) -> Array:
-    """C_n^c (..., 3, 3) of phi (..., 3) rad. equations.md C.1."""
+    """C_n^c (..., 3, 3) of phi (..., 3) rad. docs/mathematics/frames.md#misalignment."""
     C = misalignment_rows(np.moveaxis(phi, -1, 0))[0]
     return np.ascontiguousarray(np.moveaxis(C, (0, 1), (-2, -1)))
 
@@ -240,7 +240,7 @@ def misalignment_quaternion(phi: Array) -> Array:
 
 
 def misalignment_from_dcm(C: Array) -> Array:
-    """phi (..., 3) of C_n^c (..., 3, 3); phi_E in +-90 deg. equations.md C.1."""
+    """phi (..., 3) of C_n^c (..., 3, 3); phi_E in +-90 deg. docs/mathematics/frames.md#misalignment."""
     return np.stack(
         [
             np.arcsin(np.clip(C[..., 1, 2], -1.0, 1.0)),
@@ -257,7 +257,7 @@ def misalignment(q_computed: Array, q_true: Array) -> Array:
 
 
 def misalignment_rate_matrix(phi: Array) -> Array:
-    """C_w (..., 3, 3) with omega_nc^c = C_w phi_dot. equations.md C.1."""
+    """C_w (..., 3, 3) with omega_nc^c = C_w phi_dot. docs/mathematics/frames.md#misalignment."""
     sx, cx = np.sin(phi[..., 0]), np.cos(phi[..., 0])
     sy, cy = np.sin(phi[..., 1]), np.cos(phi[..., 1])
     out = np.zeros((*phi.shape[:-1], 3, 3))

@@ -1,4 +1,4 @@
-"""Earth: radii of curvature, normal gravity, rotation and transport rate. equations.md A.1.
+"""Earth: radii of curvature, normal gravity, rotation and transport rate. docs/mathematics/frames.md#earth-model.
 
 Every function is batch first and takes an :class:`Earth`; truth and estimator must use the same one.
 """
@@ -61,7 +61,8 @@ def check_latitude(latitude: float) -> float:
 
 
 def radii(earth: Earth, latitude: Scalar) -> tuple[Array, Array]:
-    """Meridian radius R_M (goes with V_N) and prime-vertical radius R_N (goes with V_E), m. equations.md A.1."""
+    """Meridian radius R_M (goes with V_N) and prime-vertical radius R_N (goes with V_E), m.
+    docs/mathematics/frames.md#earth-model."""
     w2 = 1.0 - earth.e2 * np.sin(latitude) ** 2
     w = np.sqrt(w2)
     return earth.a * (1.0 - earth.e2) / (w2 * w), earth.a / w
@@ -102,7 +103,7 @@ def transport_matrix(earth: Earth, latitude: Scalar, height: Scalar = 0.0) -> Ar
 
 
 def ecef_to_enu(latitude: Scalar, longitude: Scalar) -> Array:
-    """C_e^n (..., 3, 3). equations.md D.1.4 (erratum 14)."""
+    """C_e^n (..., 3, 3). docs/mathematics/frames.md#earth-to-local-level (erratum 14)."""
     sL, cL = np.sin(latitude), np.cos(latitude)
     sl, cl = np.sin(longitude), np.cos(longitude)
     out = np.zeros((*np.broadcast_shapes(np.shape(sL), np.shape(sl)), 3, 3))

@@ -6,7 +6,8 @@ from typing import Any
 
 Fields = dict[str, Any]
 
-# 000 section 2.5.3: "white noise 50e-6 g" read as the std of a 100 Hz sample, 5 ug/sqrt(Hz) (equations.md I).
+# 000 section 2.5.3: "white noise 50e-6 g" read as the std of a 100 Hz sample, 5 ug/sqrt(Hz)
+# (docs/mathematics/simulation.md#presets).
 _THESIS: Fields = {
     "gyro_bias_deg_h": 0.02,
     "arw_deg_sqrt_h": 0.01,
@@ -17,7 +18,7 @@ _THESIS: Fields = {
 IMU: dict[str, Fields] = {
     "perfect": {},
     "thesis-white": _THESIS,
-    # The accelerometers have the Gauss-Markov bias alone: nabla = GM + white (equations.md S.1, bound.md 5)
+    # The accelerometers have the Gauss-Markov bias alone: nabla = GM + white (docs/mathematics/simulation.md#presets)
     "thesis-markov": {
         **_THESIS,
         "gyro_markov_deg_h": 0.1,

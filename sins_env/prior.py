@@ -99,7 +99,8 @@ def matched_prior(imu: ImuSpec, gps: GpsSpec, epoch_s: float, attitude_std_deg: 
 def thesis_prior(imu: ImuSpec, gps: GpsSpec, epoch_s: float, attitude_std_deg: tuple[float, ...]) -> Prior:
     """000 section 2.5.4 in reading (C): (5e-4 g)^2 and (0.01 deg/h)^2 added at each 100 Hz step, R = (0.1 m/s)^2.
 
-    Reading (C) takes the printed numbers as covariances in m/s and rad per step (equations.md L). One hundred steps
+    Reading (C) takes the printed numbers as covariances in m/s and rad per step
+    (docs/mathematics/simulation.md#told-priors). One hundred steps
     per second turn them into densities: 10 x 5e-4 g per sqrt(s), and 10 x (0.01 deg/h in rad) per sqrt(s).
     """
     return replace(

@@ -63,7 +63,8 @@ def _check_fields(spec: Any, special: Mapping[str, Check]) -> None:
 class ImuSpec:
     """Errors of the inertial sensors. Biases, scale factors and misalignments are 1-sigma values: every run draws its own.
 
-    The Markov terms are first-order Gauss-Markov biases with the given stationary sigma and correlation time. equations.md F.
+    The Markov terms are first-order Gauss-Markov biases with the given stationary sigma and correlation time.
+    docs/mathematics/simulation.md#inertial-sensors.
     """
 
     gyro_bias_deg_h: float = 0.0

@@ -5,7 +5,8 @@ Going back, G = C (P-)^-1 passes on what the later fixes had to say about x_{j+1
 x^s_j = x_j + G (x^s_{j+1} - x-), P^s_j = P_j + G (P^s_{j+1} - P-) G'. With sigma points C is their sum, with a tangent P F'.
 
 Source: Rauch, Tung & Striebel (1965), doi:10.2514/3.3166; unscented: Sarkka (2008), doi:10.1109/TAC.2008.919531;
-equations.md E.10. The scheme of 000 (4.3.38-56) recodes the later fixes as a pseudo measurement; corrected, it is the
+docs/mathematics/filters.md#smoothing. The scheme of 000 (4.3.38-56) recodes the later fixes as a pseudo measurement;
+corrected, it is the
 same smoother (a test plays both).
 Shapes: x (..., n), P (..., n, n); ``Smoothed`` has time in front. For filters with one Gaussian that predict by their ``rule``:
 kf, ekf, the unscented, cubature, robust, adaptive and H-infinity ones. Open loop: nothing is relocated between the steps.

@@ -1,4 +1,5 @@
-"""The three-state benchmark of 002 (107-114): strongly nonlinear, one noise driving all states. equations.md E.20.
+"""The three-state benchmark of 002 (107-114): strongly nonlinear, one noise driving all states.
+docs/mathematics/filters.md#benchmark-of-002.
 
     x1' = cos(50 / (1 + x2 x3)),  x2' = 2 x1^2 exp(-x2 x3),  x3' = sin x3,   + [1 1 1]' w,   w ~ N(0.2, 0.4)
     z   = x1 + exp(-3 x2 x3) + v,                                                        v ~ N(0.3, 0.5)

@@ -78,7 +78,7 @@ def test_euler_against_the_printed_matrix_and_back(batch):
     same_rotation(q.reshape(-1, 4), Rotation.from_euler("ZXY", euler).as_quat(scalar_first=True))
     cs, ss = np.cos(psi), np.sin(psi)
     ct, st, cg, sg = np.cos(theta), np.sin(theta), np.cos(gamma), np.sin(gamma)
-    printed = [  # equations.md A.2
+    printed = [  # docs/mathematics/frames.md#euler-angles
         [cg * cs + sg * ss * st, ss * ct, sg * cs - cg * ss * st],
         [-cg * ss + sg * cs * st, cs * ct, -sg * ss - cg * cs * st],
         [-sg * ct, st, cg * ct],

@@ -168,7 +168,8 @@ def _running_product(q: Array) -> Array:
 
 
 def inertial_alignment(recording: Recording, first: int, last: int) -> Array:
-    """q_nb (4,) at sample ``first`` of a base that stays on the spot until ``last``. equations.md D.1, D.2.
+    """q_nb (4,) at sample ``first`` of a base that stays on the spot until ``last``.
+    docs/mathematics/coarse_alignment.md#recordings.
 
     Gravity's integral in body axes frozen at the start, against the same in the local frame frozen at the start, as
     Wahba's problem over all its values.

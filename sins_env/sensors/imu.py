@@ -1,4 +1,4 @@
-"""Inertial sensor errors added to exact increments. equations.md F.
+"""Inertial sensor errors added to exact increments. docs/mathematics/simulation.md#inertial-sensors.
 
 Each run draws from streams of its own, so that a run's errors depend neither on its neighbours nor on the chunks in
 which they are generated. The loop over runs at the draw is the only one.

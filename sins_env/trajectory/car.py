@@ -10,7 +10,7 @@ Measured on rlg_parked_car.npz by benchmarks/car_disturbances.py, which prints w
 - 6 of the former and 15 of the latter in the 9 minutes during which people are at the car; minutes without any elsewhere.
 
 The recording has no rocking by hand; its amplitude, 3 to 12 mrad, is an assumption beside
-the steps of 000 chapter 6 (equations.md S.2: 0.05 to 0.3 deg).
+the steps of 000 chapter 6 (docs/mathematics/simulation.md#parked-car: 0.05 to 0.3 deg).
 """
 
 from __future__ import annotations

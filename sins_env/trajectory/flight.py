@@ -1,4 +1,4 @@
-"""A flight along the segments of a plan, exact to rounding. flight.md 1, equations.md A.2, B.
+"""A flight along the segments of a plan, exact to rounding. docs/mathematics/simulation.md#flight-truth.
 
 Velocity and attitude are closed forms of time, and so are specific force and angular rate once the position is known.
 The position follows from the velocity by Gauss-Legendre collocation with five nodes per IMU sample, whose few implicit
@@ -120,7 +120,7 @@ class Flight:
         return np.matmul(np.swapaxes(C_nb, -1, -2), vector_n[..., None])[..., 0]
 
     def _sensed(self, at: Kinematics, pos: Array) -> tuple[Array, Array]:
-        """omega_ib^b and f^b, (..., 3) each. equations.md A.2, B.2."""
+        """omega_ib^b and f^b, (..., 3) each. docs/mathematics/simulation.md#increments."""
         rate_ie, rate_en = earth.rate_n(self._earth, pos[..., 0]), self._transport(at.vel, pos)
         force = at.accel + np.cross(2.0 * rate_ie + rate_en, at.vel)
         force[..., 2] += earth.gravity(self._earth, pos[..., 0], pos[..., 2])

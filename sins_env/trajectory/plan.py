@@ -1,4 +1,5 @@
-"""A flight plan: where it starts, its segments, and the closed form of velocity and attitude that they make. flight.md 1.
+"""A flight plan: where it starts, its segments, and the closed form of velocity and attitude that they make.
+docs/mathematics/simulation.md#flight-plan.
 
 A plan is a dict of the fields of :class:`FlightPlan`, in Python or in a YAML or JSON file.
 """

@@ -49,7 +49,7 @@ class SwayMotion:
     sway_period_s: tuple[float, float, float]
 
 
-#: 000 section 2.5.1, equations.md S.1
+#: 000 section 2.5.1, docs/mathematics/simulation.md#sway
 THESIS = SwayMotion(
     heading=Oscillation(5 * DEG, 7.0, math.pi / 4),
     pitch=Oscillation(7 * DEG, 5.0, math.pi / 4),

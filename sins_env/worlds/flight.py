@@ -175,7 +175,7 @@ def coarse_std_deg(imu: ImuSpec, site: Site, coarse_s: float) -> tuple[float, ..
 
     The accelerometer bias tilts the level. The heading is that of the Earth's rate, which gyro bias and angle random walk
     blur, seen as the drift of gravity in inertial space, whose slope over ``coarse_s`` the velocity random walk blurs.
-    equations.md G.1.
+    docs/mathematics/simulation.md#coarse-spread.
     """
     model = earth.get(site.earth)
     gravity = float(earth.gravity(model, site.latitude, site.height))

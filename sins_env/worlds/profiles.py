@@ -1,4 +1,5 @@
-"""The flights of the source documents, with their sensors, their fixes and the errors of their told starts. flight.md 3."""
+"""The flights of the source documents, with their sensors, their fixes and the errors of their told starts.
+docs/mathematics/simulation.md#flight-profiles."""
 
 from __future__ import annotations
 
@@ -91,7 +92,8 @@ _NOISY = ImuSpec(
     accel_bias_ug=10_000.0,
     vrw_ug_sqrt_hz=10_000.0 * math.sqrt(_SAMPLE_S),
 )
-#: 0.05 cos(0.1 t) deg/h about 0.01 deg/h, 10 sin(0.1 t) mg about 1 mg. equations.md F, 002 example 3.
+#: 0.05 cos(0.1 t) deg/h about 0.01 deg/h, 10 sin(0.1 t) mg about 1 mg.
+#: docs/mathematics/simulation.md#flight-profiles, 002 example 3.
 _TIDES = Script(
     gyro_mean_deg_h=0.01,
     accel_mean_ug=1000.0,

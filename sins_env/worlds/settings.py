@@ -17,7 +17,7 @@ from sins_env.types import Site, Task
 from sins_env.units import DEG
 
 STARTS = ("unknown", "told")
-LONGITUDE_DEG = 116.3  #: Beijing, assumed for 000 (equations.md F)
+LONGITUDE_DEG = 116.3  #: Beijing, assumed for 000 (docs/mathematics/simulation.md#presets)
 
 
 class Timed:

@@ -86,7 +86,8 @@ def statistic(now: Gaussian, moved: Gaussian, epochs: Array, damp: bool) -> Gaus
 
 
 def least(moved: Gaussian, epochs: Array) -> Array:
-    """The statistic without its negative part, K e e' K' / epochs: biased, and positive. # E.5 (c), 000 (3.5.15)"""
+    """The statistic without its negative part, K e e' K' / epochs: biased, and positive. #
+    docs/mathematics/filters.md#adaptive-noise (c), 000 (3.5.15)"""
     step = moved.mean
     return step[..., :, None] * step[..., None, :] / epochs[..., None, None]
 

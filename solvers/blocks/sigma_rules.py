@@ -95,7 +95,8 @@ class Unscented:
 
 @dataclass(frozen=True)
 class FifthDegree:
-    """Fifth-degree spherical-radial rule, 2 n^2 + 1 points. Jia, Xin & Cheng (2013), # 003 (11-24), E.4
+    """Fifth-degree spherical-radial rule, 2 n^2 + 1 points. Jia, Xin & Cheng (2013), # 003 (11-24),
+    docs/mathematics/filters.md#fifth-degree
 
     Exact to degree 5. The points on the axes weigh (4 - n) / (2 (n + 2)^2): nothing for n = 4 and less beyond, where
     a covariance of images may come out indefinite. n = 1 is the Gauss-Hermite rule of three points.

@@ -55,7 +55,8 @@ def cholesky(P: Array) -> tuple[Array, Mask | None]:
 def svd_root(P: Array) -> tuple[Array, Mask | None]:
     """The eigen root S = U sqrt(Lambda) of P = U Lambda U', which takes a singular P as it is.
 
-    Not triangular. Only an indefinite P, beyond rounding, counts as repaired. # 003, E.4 "roots"
+    Not triangular. Only an indefinite P, beyond rounding, counts as repaired. # 003,
+    docs/mathematics/filters.md#sigma-points "roots"
     """
     finite = finite_items(P)
     eigenvalues, U = np.linalg.eigh(np.where(finite[..., None, None], P, 0.0))

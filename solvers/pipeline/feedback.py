@@ -1,6 +1,6 @@
 """What a filter's estimate does to the INS: the corrected attitude, its covariance, and the reset of a closed loop.
 
-equations.md C.2, design section 5: C_b^n <- C(phi_hat)' C_hat; what is left, C(phi') = C(phi_hat)' C(phi), has the Jacobian
+docs/mathematics/error_models.md#feedback: C_b^n <- C(phi_hat)' C_hat; what is left, C(phi') = C(phi_hat)' C(phi), has the Jacobian
 C_w(phi')^-1 C(phi_hat)' C_w(phi).
 """
 

@@ -1,4 +1,5 @@
-"""Strapdown mechanisation: one navigation epoch of IMU increments moves the attitude, velocity and position. equations.md B.
+"""Strapdown mechanisation: one navigation epoch of IMU increments moves the attitude, velocity and position.
+docs/mathematics/strapdown.md.
 
 An epoch holds several update intervals of three, two or one IMU samples. Coning and sculling of all intervals are
 computed in one go; only the product of the interval rotations is a loop, over time. Within an interval the rotation of
@@ -78,7 +79,7 @@ def interval_increments(dtheta: Array, dvel: Array, last: Array | None) -> tuple
     """Rotation vectors and velocity increments of each update interval, in the body axes at its start.
 
     (..., n_sub, 3) each -> (..., intervals, 3) each. (2.2.17), (2.2.33) corrected, and the exact rotation term of
-    equations.md B.2 in place of (2.2.32).
+    docs/mathematics/strapdown.md#coning-and-sculling in place of (2.2.32).
     """
     n_sub = dtheta.shape[-2]
     samples = samples_per_interval(n_sub)

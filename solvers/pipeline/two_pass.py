@@ -1,4 +1,4 @@
-"""The two-pass estimator: the reference of a task, near the Cramer-Rao bound. bound.md sections 2 and 6.
+"""The two-pass estimator: the reference of a task, near the Cramer-Rao bound. docs/mathematics/bound.md#two-passes.
 
 A single filter linearises the early epochs where its estimate then was, tens of degrees off. Here a cubature filter aligns
 first; once its heading is good to a degree, the epochs so far are filtered again, linearised along the trajectory of errors

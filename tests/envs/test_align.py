@@ -177,7 +177,7 @@ def test_render():
 
 
 def test_the_bound_that_render_draws():
-    """equations.md G: 20.6 and 358 arcsec for 100 ug and 0.02 deg/h at 39.96 deg."""
+    """docs/mathematics/bound.md#rules-of-thumb: 20.6 and 358 arcsec for 100 ug and 0.02 deg/h at 39.96 deg."""
     level, azimuth = np.degrees(sensor_floor(make().task)) * 3600
     assert level == pytest.approx(20.6, abs=0.1)
     assert azimuth == pytest.approx(358, abs=1)

@@ -32,7 +32,7 @@ def flights(rows, steps, seed=0):
     return np.concatenate([actions_of(rows, steps, seed), rng.normal(0, 20, (steps, rows, 3)), pos], axis=-1)
 
 
-@pytest.mark.filterwarnings("ignore:.*symmetric and normalized.*")  # design.md 3: of Box(10) alone
+@pytest.mark.filterwarnings("ignore:.*symmetric and normalized.*")  # of Box(10) alone
 @pytest.mark.parametrize(
     "settings",
     [
@@ -62,7 +62,8 @@ def test_defaults(name):
     assert_allclose(P[12:] / UG, profile.imu.accel_bias_ug)
 
 
-#: flight.md 3: the sensors, P0 and R of each, in deg, m/s, m, deg/h, ug, deg/sqrt(h), ug/sqrt(Hz)
+#: docs/mathematics/simulation.md#flight-profiles: the sensors, P0 and R of each, in deg, m/s, m, deg/h, ug,
+#: deg/sqrt(h), ug/sqrt(Hz)
 TOLD = {
     "sun2012": ((3, 3, 10), 0.1, 10, 1, 1000, 0.1, 100, (10, 10, 10), 1),
     "sun2012-fixed": ((3, 3, 10), 0.1, 10, 1, 1000, 0.1, 100, (10, 10, 10), 1),

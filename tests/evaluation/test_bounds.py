@@ -22,7 +22,10 @@ from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT
 from solvers.pipeline.strapdown import EpochMotion, Strapdown
 
 WHITE = get_task("sway-white-v0")
-PSD = {"preset": "thesis-white", "vrw_ug_sqrt_hz": 50.0}  # what most of bound.md was measured with
+PSD = {
+    "preset": "thesis-white",
+    "vrw_ug_sqrt_hz": 50.0,
+}  # what most of docs/mathematics/bound.md#golden-values was measured with
 GATE = 1e-5
 
 
@@ -39,7 +42,7 @@ def world_of(task):
 # ---- the value ----
 
 AT = (10, 30, 60, 120, 180, 240, 300, 360)
-GOLDEN = {  # bound.md section 1, azimuth in arcsec, latitude 40 deg
+GOLDEN = {  # docs/mathematics/bound.md#golden-values, azimuth in arcsec, latitude 40 deg
     "white": ({"imu": PSD}, (45342, 31296, 10820, 2419, 1287, 977, 837, 754)),
     "white, a sample's noise": ({"imu": "thesis-white"}, (45340, 31276, 10729, 2352, 1251, 958, 827, 747)),
     "told wrong": (
@@ -209,7 +212,7 @@ def apart(a, b):
 @pytest.mark.parametrize("seconds", [60.0, 360.0])
 @pytest.mark.parametrize("kwargs", [{}, {"heading_deg": None, "motion": "random"}])
 def test_dynamics_are_those_of_the_strapdown(seconds, kwargs):
-    """bound.md section 5; measured 3e-8 after 60 s and 5e-7 after 360 s."""
+    """docs/mathematics/bound.md#checks; measured 3e-8 after 60 s and 5e-7 after 360 s."""
     task = variant(duration=seconds, **kwargs)
     assert apart(nonlinear(task, seconds), linear(task, seconds)) < 0.1 * GATE
 

@@ -55,7 +55,7 @@ def test_every_flight_has_a_bound(name):
 
 
 def test_golden_values():
-    """flight.md sections 0, 2, 5 and 7, another code: mean over time of the heading, at T, over the last 600 s; position."""
+    """docs/mathematics/bound.md#golden-values, another code: mean over time of the heading, at T, over the last 600 s; position."""
 
     def heading(profile):
         return bounds.find(flight(profile)).sigma[:, 2] / DEG

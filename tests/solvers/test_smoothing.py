@@ -205,7 +205,7 @@ def test_the_two_pass_scheme_is_the_same_smoother():
 
 
 def test_the_two_pass_scheme_is_another_one_for_an_h_infinity_filter():
-    """000 section 4.3.3 takes the same form for both; its identities need P = P- - S'S. equations.md E.10"""
+    """000 section 4.3.3 takes the same form for both; its identities need P = P- - S'S. docs/mathematics/filters.md#smoothing"""
     got, (x, *_) = two_smoothers("hinf_ukf", {"gamma2": 10.0})
     assert np.abs(got.mean - x).max() > 1e-2
     same, (y, *_) = two_smoothers("hinf_ukf", {"gamma2": np.inf})

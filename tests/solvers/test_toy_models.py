@@ -1,4 +1,5 @@
-"""The benchmark of 002: what the printed system does, and what the literal filter does to it. equations.md E.20"""
+"""The benchmark of 002: what the printed system does, and what the literal filter does to it.
+docs/mathematics/filters.md#benchmark-of-002"""
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ RUNS = 200
 
 
 def share(p, runs=RUNS):
-    """Three standard errors of a share ``p`` of ``runs``, added to those of the 40 runs that E.20 counted."""
+    """Three standard errors of a share ``p`` of ``runs``, added to those of the 40 runs that
+    docs/mathematics/filters.md#benchmark-of-002 counted."""
     return 3 * np.sqrt(p * (1 - p) / runs + p * (1 - p) / 40)
 
 
@@ -27,7 +29,7 @@ def test_the_printed_system_explodes(Q, exploded):
         assert np.isnan(truth.x[end:, i]).all()
         assert np.isnan(truth.z[end:, i]).all()
     if Q == 0.4:
-        assert 40 < np.median(truth.ended[over]) < 72  # E.20: 56
+        assert 40 < np.median(truth.ended[over]) < 72  # docs/mathematics/filters.md#benchmark-of-002: 56
 
 
 @pytest.mark.parametrize("variant", ["small_q", "abs"])
@@ -73,7 +75,9 @@ def test_example_1_as_printed_and_safeguarded():
     assert (guarded.health.repairs == 0).all()
     assert not guarded.health.frozen
     q, Q = guarded.noise["q"][-1].ravel(), guarded.noise["Q"][-1].ravel()
-    assert abs(q.mean() - 0.12) < 3 * 0.04 / np.sqrt(40)  # E.20, 40 runs: .12 +- .04, .29
+    assert abs(q.mean() - 0.12) < 3 * 0.04 / np.sqrt(
+        40
+    )  # docs/mathematics/filters.md#benchmark-of-002, 40 runs: .12 +- .04, .29
     assert 0.25 < Q.mean() < 0.33
     right = model.track(make_filter("ukf"), truth.z, q=0.2, Q=0.4, R=0.5, r=0.3)
     wrong = model.track(make_filter("ukf"), truth.z, **told)

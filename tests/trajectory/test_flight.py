@@ -76,7 +76,7 @@ def test_round_trip_of_every_flight_over_its_full_length():
 
 
 def test_round_trip_at_10_hz_is_that_of_the_specification():
-    """flight.md 1: the one-sample form is off where rates jump at the borders of segments."""
+    """docs/mathematics/strapdown.md#accuracy: the one-sample form is off where rates jump at the borders of segments."""
     pos, vel, arcsec = round_trip([FLIGHTS["zhao2010"]], n_sub=1)[0]
     assert pos == pytest.approx(1.05, rel=0.1)
     assert vel == pytest.approx(7e-3, rel=0.1)
@@ -209,7 +209,8 @@ def test_flights_end_as_they_should():
 
 
 def test_a_bank_turns_as_gravity_would_turn_it():
-    """flight.md 3: in the orbit of Lu the specific force stays in the plane of symmetry, a coordinated turn."""
+    """docs/mathematics/simulation.md#flight-profiles: in the orbit of Lu the specific force stays in the plane of
+    symmetry, a coordinated turn."""
     _, _, dvel, _, _ = flown(FLIGHTS["lu-gauss"], n_sub=1)
     force = dvel[1500, 0] / 0.1
     assert abs(force[0] / force[2]) < np.tan(np.radians(0.2))

@@ -40,7 +40,7 @@ def euler_deg(q):
 
 
 def test_thesis_numbers():
-    """equations.md S.1, typed anew."""
+    """docs/mathematics/simulation.md#sway, typed anew."""
     sway, _ = make(runs=1)
     state = sway.chunk(0, 300).state
     t = 0.1 * np.arange(1, 301)

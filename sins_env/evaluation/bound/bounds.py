@@ -1,4 +1,4 @@
-"""The Cramer-Rao bound of a simulated task. bound.md section 5.
+"""The Cramer-Rao bound of a simulated task. docs/mathematics/bound.md#definition.
 
     bound_j(t) = sqrt( mean over runs of [P(t)]_jj )
 

@@ -1,4 +1,4 @@
-"""Linear error dynamics at the truth, for the Cramer-Rao bound. bound.md section 5, equations.md C.2 at zero error.
+"""Linear error dynamics at the truth, for the Cramer-Rao bound. docs/mathematics/bound.md#error-dynamics.
 
     x = [dV (E, N, U) | phi (E, N, U) | dp (E, N, U) | nabla (R, F, U) | eps (R, F, U)]      SI, dp in metres
 

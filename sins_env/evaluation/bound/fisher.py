@@ -1,4 +1,4 @@
-"""What fixes with errors that are not Gaussian tell: their Fisher information. flight.md sections 4 and 5."""
+"""What fixes with errors that are not Gaussian tell: their Fisher information. docs/mathematics/bound.md#fisher-information."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The estimator contract as named checks: what a plug-in must do to be evaluated. design.md section 4."""
+"""The estimator contract as named checks: what a plug-in must do to be evaluated. docs/tasks_and_scores.md#estimator-contract."""
 
 from __future__ import annotations
 

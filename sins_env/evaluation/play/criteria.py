@@ -1,4 +1,4 @@
-"""What runs of a task are held against: times, thresholds and limits. evaluation.md section 1."""
+"""What runs of a task are held against: times, thresholds and limits. docs/tasks_and_scores.md#alignment-criterion."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Scores of single runs, taken as they are played, so that memory does not grow with the duration.
 
 Errors of every epoch enter: phi (E, N, U) rad, of navigation tasks all of COMPONENTS. What stays per run is a handful of
-numbers and a history at 1 Hz. The definitions are those of evaluation.md section 1. A failed epoch (non-finite action)
+numbers and a history at 1 Hz. The definitions are those of docs/tasks_and_scores.md#alignment-criterion. A failed
+epoch (non-finite action)
 carries the worst error that can be expressed and so counts in every score. Without a reference every score of an error is NaN.
 """
 

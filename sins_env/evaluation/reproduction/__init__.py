@@ -1,4 +1,4 @@
-"""The published tables again: each is run as a Monte Carlo and set beside what is printed. evaluation.md section 6.
+"""The published tables again: each is run as a Monte Carlo and set beside what is printed. docs/tasks_and_scores.md#reproduction.
 
 A table is data: a module of ``documents`` that makes :class:`~sins_env.evaluation.reproduction.tables.Table` objects, and
 a line in ``documents/__init__.py`` that lists them.

@@ -1,4 +1,4 @@
-"""Scores across runs, with intervals: pure functions of :class:`Records`. evaluation.md section 1.
+"""Scores across runs, with intervals: pure functions of :class:`Records`. docs/tasks_and_scores.md#alignment-criterion.
 
 No run is dropped: a run that diverged enters with its errors, one that raised with the worst error from
 there on.

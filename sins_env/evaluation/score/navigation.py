@@ -1,4 +1,4 @@
-"""Scores of navigation over runs: pure functions of :class:`Records`. flight.md, evaluation.md section 1.
+"""Scores of navigation over runs: pure functions of :class:`Records`. docs/tasks_and_scores.md#navigation-scores.
 
 ARMSE is the mean over time, in the scored span, of the RMS over runs at a time (from the history at 1 Hz). No run is
 dropped: where one has raised, its errors are the worst from there on.

@@ -31,7 +31,7 @@ from sins_env.evaluation.show.numbers import seconds, seconds_interval
 
 
 def as_json(results: Iterable[Results]) -> str:
-    """A list of objects with the keys of evaluation.md section 4; what is not known or infinite is null."""
+    """A list of objects with the keys of docs/tasks_and_scores.md#json-keys; what is not known or infinite is null."""
     return json.dumps([_entry(one) for group in by_task(results).values() for _, one in ranked(group)], indent=2)
 
 

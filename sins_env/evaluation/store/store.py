@@ -1,4 +1,4 @@
-"""The results file: SQLite with a write-ahead log, one row per run. evaluation.md section 5.
+"""The results file: SQLite with a write-ahead log, one row per run. docs/tasks_and_scores.md#results-file.
 
 A run is identified by task (its version is in the name), suite-seed hash, solver, settings hash, code
 version and run number. Rows are written by the parent process, one transaction per chunk, so a killed

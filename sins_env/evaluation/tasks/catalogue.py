@@ -1,4 +1,4 @@
-"""The tasks as data: the fields of :class:`sins_env.evaluation.tasks.task.EvaluationTask`, by name. evaluation.md section 2.
+"""The tasks as data: the fields of :class:`sins_env.evaluation.tasks.task.EvaluationTask`, by name. docs/tasks_and_scores.md#tasks.
 
 Thresholds are three times the bound at the end of the task, rounded up: azimuth to 0.1 deg, level to 10 arcsec;
 of rlg-car, vehicle and static8 by definition; of navgrade-car four sigmas of its reference's heading, and the tilt
@@ -59,7 +59,7 @@ DEFINITIONS: tuple[Fields, ...] = (
     _sway(
         "sway-told-wrong-v0",
         "swaying base, told the prior of 000 section 2.5.4 and R = (0.1 m/s)^2 while the GPS is 0.01 m/s, 360 s",
-        "equations.md L",
+        "000 section 2.5.4",
         0.6,
         60.0,
         gps={"vel_std_mps": 0.01, "rate_hz": 10},
@@ -225,7 +225,7 @@ DEFINITIONS: tuple[Fields, ...] = (
         _flight(
             f"hotstart{spread[2]}",
             f"300 s at 40 m/s with one turn, told attitude wrong by {'/'.join(map(str, spread))} deg (1 sigma)",
-            "flight.md 7",
+            "docs/mathematics/simulation.md#flight-profiles",
             0.4,
             190.0,
             "failures",

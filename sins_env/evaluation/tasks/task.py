@@ -1,7 +1,7 @@
 """Tasks: environment, frozen keyword arguments, thresholds, suite seed; the name holds the version.
 
 Run seeds derive from the suite seed, the task's name and the run alone, so they depend neither on the number
-of workers nor on the solver: every solver meets the same runs. evaluation.md section 2.
+of workers nor on the solver: every solver meets the same runs. docs/tasks_and_scores.md#seeds.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Idea: draw the points of state, process noise and measurement noise together, send them through f and on through h
 without drawing anew, and take Q from the corrections of the last M fixes.
 
-Source: 000 (3.5.1-15), equations.md E.6, errata 37, 38.
+Source: 000 (3.5.1-15), docs/mathematics/filters.md#augmented-state, docs/mathematics/errata.md#chapter-3 (37, 38).
 Shapes: x (..., n), P (..., n, n), z (..., m); f gets (..., 2 (n + n_w) + 1, n), n_w of the p directions of w being driven.
 Departures: outer weights 0.5/(L + lambda), for only those sum to one (37). v is additive: its points would only add R and
 widen the others, so they are not drawn, and L = n + n_w with kappa + n_v gives the moments of L_a = n + n_w + n_v with

@@ -3,7 +3,8 @@
 Predict with the estimated q and Q, correct with the estimated r and R, then let the fix speak of the noise
 (solvers/blocks/noise.py); a filter says how it remembers, in ``blend``.
 
-Safeguards, 000 (3.4.45-48) being unusable without (equations.md E.5, errata 33):
+Safeguards, 000 (3.4.45-48) being unusable without (docs/mathematics/filters.md#adaptive-noise,
+docs/mathematics/errata.md#chapter-3 (33)):
 
 - the told noise counts as ``k0`` fixes, else the first fix alone would replace it;
 - ``project``: "diagonal" adapts the variances and keeps the told correlations, "full" the eigenvalues; both hold them
@@ -11,7 +12,8 @@ Safeguards, 000 (3.4.45-48) being unusable without (equations.md E.5, errata 33)
   nothing; an estimate that turns indefinite is then counted as a repair at each use;
 - ``guard``: "damp" scales each correction to the share that the noise can have in it, see ``statistic``. Without it
   a filter that is told the truth is spoilt: as long as the errors of its start dominate, what they do is taken for
-  noise. "positive" is E.5's (c): a variance that hits its floor is replaced by the biased, positive statistic;
+  noise. "positive" is docs/mathematics/filters.md#adaptive-noise's (c): a variance that hits its floor is replaced
+  by the biased, positive statistic;
 - ``gate``: an innovation beyond this quantile of chi-square counts as one on it.
 
 Between fixes the noise adds up: a fix after several epochs speaks of their sum. A transition with G has its noise

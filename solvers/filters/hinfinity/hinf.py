@@ -5,7 +5,7 @@ sum |L e|^2 below gamma^2 (|x0 - x^|^2 in P0^-1 + sum |w|^2 in Q^-1 + sum |v|^2 
 gamma -> infinity is the Kalman filter. An ordinary filter with Q + Phi (P - D) Phi' in the next prediction is the same.
 
 Source: 000 (4.2.14-24), (4.3.5-22); Hassibi, Sayed & Kailath (1996), Linear estimation in Krein spaces,
-IEEE Trans. Automatic Control 41(1); equations.md E.9.
+IEEE Trans. Automatic Control 41(1); docs/mathematics/filters.md#h-infinity.
 Shapes: x (..., n), P (..., n, n), z (..., m), gamma (...); ``...`` any batch.
 Departures:
 - L = diag(1 / sigma_i) of the prior instead of I, which adds rad to m/s: gamma has no unit. It keeps out of L the

@@ -3,7 +3,7 @@
 Idea: a fix adds information, Y = Y- + Hs' R^-1 Hs, with the statistical slope Hs = P_xy' Y- in place of a Jacobian, and
 the H-infinity bound takes some away, P = (Y - gamma^-2 L'L)^-1. Equal to hinf_ukf, up to rounding.
 
-Source: 000 (4.3.23-37); equations.md E.9. Shapes: x (..., n), P, Y (..., n, n), z (..., m), Hs (..., m, n).
+Source: 000 (4.3.23-37); docs/mathematics/filters.md#h-infinity. Shapes: x (..., n), P, Y (..., n, n), z (..., m), Hs (..., m, n).
 Departures: R + the spread of h about its slope, P_yy - Hs P- Hs', where (4.3.32-33) have R alone, for without it the
 filter is not hinf_ukf on a nonlinear h; the information vector is taken about x-, so that a state known exactly, which
 has no finite information, keeps its value. R must be positive

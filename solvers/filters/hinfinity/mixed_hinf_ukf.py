@@ -7,9 +7,10 @@ estimates with uncorrelated errors. But both use the same fixes: under the model
 the formula before that assumption, (4.4.11), gives d = 1, the UKF. What a smaller d buys is a trade of variance against
 the H-infinity bound, and no theorem says how good a one; with d of (4.4.2) it lies between 1/2 and 1.
 
-Source: 000 (4.4.1-11); equations.md E.11. Shapes: x (..., n), covariances (..., n, n), d (...).
+Source: 000 (4.4.1-11); docs/mathematics/filters.md#mixed-filter. Shapes: x (..., n), covariances (..., n, n), d (...).
 Departures: traces of L P L', which have no unit; the covariance reported is a third one, of the error that this gain
-leaves under the model, for E.11's starts anew from P_ukf- at each fix, as if the last gains had been the UKF's.
+leaves under the model, for docs/mathematics/filters.md#mixed-filter's starts anew from P_ukf- at each fix, as if the
+last gains had been the UKF's.
 (4.4.10) has a misprint that does not matter here. L, gamma and its raising as in hinf.py.
 """
 

@@ -7,7 +7,8 @@ what it asks of the pipeline (:mod:`solvers.pipeline.errors.invariant`).
 
 Source: Barrau & Bonnabel (2017), doi:10.1109/TAC.2016.2594085; right-invariant, "imperfect" by its biases.
 Shapes: x (..., n), P (..., n, n), z (..., m); ``...`` any batch.
-Departures: the earth turns and is round, as in equations.md C.2, so that the growth is linear but for that; the covariance is
+Departures: the earth turns and is round, as in docs/mathematics/error_models.md#navigation-model, so that the growth
+is linear but for that; the covariance is
 carried through each reset by its Jacobian.
 """
 

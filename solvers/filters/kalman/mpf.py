@@ -5,7 +5,8 @@ Idea: x' = f(x) + w, w = L d with L L' = Q. The filter has no prior covariance; 
     1/2 r' R^-1 r + 1/2 d' W d,    r = z - h(x'),
 
 puts half of L d in at either end of the epoch, and so x+ = x- + B d, B = (L + F L) / 2, F the tangent of f. With
-S = H B that is d = (S' R^-1 S + W)^-1 S' R^-1 (z - h(f(x))). # E.17, with Lambda S of the source in discrete form: half
+S = H B that is d = (S' R^-1 S + W)^-1 S' R^-1 (z - h(f(x))). # docs/mathematics/filters.md#predictive-filter, with
+Lambda S of the source in discrete form: half
 and half gives dt for a state that is driven itself and dt^2 / 2 for one that is driven through another.
 
 As d is in standard deviations of the told noise, W is one number, and the update is the Kalman update from the prior
@@ -17,7 +18,7 @@ Shapes: x (..., n), P (..., n, n), z (..., m); ``...`` any batch.
 Departures: the source has no covariance. The one reported is that of the errors of this gain K under the told model,
 (I - K H)(F P F' + Q)(I - K H)' + K R K', and does not enter the estimate. The filter moves only what the noise drives,
 and only as much as one epoch lets the fix see: constant biases are never learnt, and a heading hardly: it tracks, it
-cannot align. # equations.md E.17
+cannot align. # docs/mathematics/filters.md#predictive-filter
 """
 
 from __future__ import annotations

@@ -4,20 +4,23 @@ Idea: the process noise w ~ N(0, Q) is split into components, each goes through 
 predictive densities of the fix say which of them it was. The collapsed posterior is the estimate; the components'
 noises, merged with the same weights, and the update's own correction say how large Q is; split again.
 
-The split (E.7) needs a direction, and an eigenvector of Q is none: Q mixes m/s and rad, and a noise that no fix shows
+The split (docs/mathematics/filters.md#split-and-merge) needs a direction, and an eigenvector of Q is none: Q mixes
+m/s and rad, and a noise that no fix shows
 cannot be weighed by it. So it is the direction v = Q H' a / sqrt(a' H Q H' a) of the noise which moves the
 innovation most in units of its standard deviation, max a' H Q H' a / a' S a: the same in any units, and v v' <= Q.
 As w is additive, splitting Q before the prediction is splitting the predicted Gaussian along v: one set of points
 serves all components.
 
-Adaptation (E.8 with the safeguards of E.5): the factors of the driven, diagonal elements of Q become 1 - d times
+Adaptation (docs/mathematics/filters.md#split-and-merge with the safeguards of E.5): the factors of the driven,
+diagonal elements of Q become 1 - d times
 their merged second moments sum zeta_g (Q_g + w_g w_g') plus d times the statistic Q + dx dx' - (P^- - P), dx = x - x^-,
 which is 3.5.15 made unbiased; then they are clipped to [floor, cap]. d = (1 - b) / (1 - b^(k + k0)). The statistic is
 the damped one of blocks/noise.py, without which the first minute sets Q off by a factor of ten, and innovations beyond
 the gate enter it as if they were on it. Told zeros (biases) stay zeros. Between fixes the noises add up, and are
-adapted together. Q alone is adapted (E.5 d): fixes worse than told pass for process noise, and cost dearly.
+adapted together. Q alone is adapted (docs/mathematics/filters.md#adaptive-noise d): fixes worse than told pass for
+process noise, and cost dearly.
 
-Source: 000 (3.5.16-27); equations.md E.6-E.8, errata 37-41.
+Source: 000 (3.5.16-27); docs/mathematics/filters.md#split-and-merge, docs/mathematics/errata.md#chapter-3 (37-41).
 Shapes: x (..., n), P (..., n, n), z (..., m); factors (..., n).
 Departures: weights by N(z; z_g, S_g), not R (erratum 40); spread terms in the posterior and in the merger (39, 41);
 the noise keeps its told mean zero and second moments about it: posterior noises merged into a mean would be a random
@@ -140,7 +143,7 @@ class ASMUGSF(GaussianFilter[Adaptive]):
         return v / np.sqrt(np.maximum(nis(Innovation(v, b.cov)), 1.0))[..., None]
 
     def _adapt(self, b: Adaptive, prior: Gaussian, components: Gaussian, innovation: Innovation) -> Adaptive:
-        """The factors of Q after a fix. # 000 (3.5.15), (3.5.27), E.5"""
+        """The factors of Q after a fix. # 000 (3.5.15), (3.5.27), docs/mathematics/filters.md#adaptive-noise"""
         Q = variances(b.noise)
         w = components.mean - prior.mean[..., None, :]
         merged = Q + ((b.weights - 1.0 / self.components)[..., None, :] @ w**2)[..., 0, :]

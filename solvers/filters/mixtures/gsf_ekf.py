@@ -10,7 +10,7 @@ Mean and covariance of the mixture are taken about its best component with the a
 +-170 deg are 20 deg apart.
 
 Source: Sorenson & Alspach (1971), doi:10.1016/0005-1098(71)90097-5; Alspach & Sorenson (1972),
-doi:10.1109/TAC.1972.1100034; flight.md 0 and 7.
+doi:10.1109/TAC.1972.1100034; docs/mathematics/filters.md#bank-over-the-heading.
 Shapes: weights (..., G), means (..., G, n), covariances (..., G, n, n). G is what the neediest run of the batch still
 uses; slots that another run does not need carry weight zero and a copy of its best component.
 Departures: merging and pruning by these two rules alone, no splitting later on. Only the angle is cut: other errors must be

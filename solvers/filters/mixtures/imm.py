@@ -8,7 +8,7 @@ stay about equally likely, and the bank then works as one filter of their mean n
 one costs alignment a fifth of its azimuth where Q was told right, one of Q / 100 costs nothing, and is what helps
 where a cautious Q was told. That is the default, with 10 R for fixes that are worse than told.
 
-Source: Blom & Bar-Shalom (1988), doi:10.1109/9.1299; equations in 004 (1-12), equations.md E.18.
+Source: Blom & Bar-Shalom (1988), doi:10.1109/9.1299; equations in 004 (1-12), docs/mathematics/filters.md#interacting-models.
 Shapes: probabilities (..., M), means (..., M, n), covariances (..., M, n, n); M = len(q_factors) len(r_factors).
 Departures: 004 (3) needs rows over the destination that sum to one, (6) is garbled there, (7) holds for linear h only
 (erratum 69); likelihoods as logarithms; a missing fix leaves the chain's own prediction of the model. A model that the

@@ -4,7 +4,8 @@ Idea: a Kalman step with sigma points says where the belief will be; particles a
 left out: prior times likelihood over the density that they were drawn from. In a linear problem with Gaussian noise all
 weigh the same, and the Kalman result stands.
 
-Source: 000 (5.4.1-18), with 5.4.15 corrected; E.15. Shapes: x (..., n), P (..., n, n), z (..., m).
+Source: 000 (5.4.1-18), with 5.4.15 corrected; docs/mathematics/filters.md#gaussian-particles. Shapes: x (..., n), P
+(..., n, n), z (..., m).
 Departures: matched particles and marginal weights, as in gpf.py; where the task tells of noise that is not Gaussian, the
 Kalman step takes an R that stands for it at the residual seen, and the proposal is widened (``widen``, rho in 000): the
 posterior then has longer tails than any Kalman result. Widened, particles weigh differently even in a linear problem.

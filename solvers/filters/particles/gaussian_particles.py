@@ -6,7 +6,8 @@ run's stream and the effective sample size; no particle outlives its step.
 Where h is ``Linear``, the likelihood depends on y = h(x) alone, and x given y is Gaussian with known moments. With
 ``marginal`` only y is sampled and weighed and the rest follows exactly (Rao-Blackwell): else every weighing adds noise of
 relative size 1 / sqrt(M) to directions that the fix says nothing of, and thousands of them destroy the covariance
-(equations.md G.3). Process noise enters through Q itself, not through draws, and a ``Linear`` f is used exactly.
+(docs/mathematics/filters.md#gaussian-particles). Process noise enters through Q itself, not through draws, and a
+``Linear`` f is used exactly.
 
 f and h meet the particles in slices of the particle axis, for a transition cannot be split into runs; ``memory_mb`` bounds
 what they make on the way. The particles themselves take 8 M n bytes per run, twice.

@@ -4,7 +4,7 @@ Idea: particles follow the model, noise and all; a fix weighs them by its likeli
 are copied and spread a little. The only filter of the zoo whose belief may have any shape.
 
 Source: Gordon, Salmond & Smith (1993), doi:10.1049/ip-f-2.1993.0015; Liu & West (2001),
-doi:10.1007/978-1-4757-3437-9_10; 004 section 3.2; E.12.
+doi:10.1007/978-1-4757-3437-9_10; 004 section 3.2; docs/mathematics/filters.md#particles.
 Shapes: particles (..., M, n), log weights (..., M); f and h get (..., M, n), in slices of the particle axis.
 Departures: roughening is Liu and West's kernel, which shrinks towards the mean by as much as it spreads and so keeps the
 covariance; without it biases, which no noise drives, end on one value. With ``matched``, draws have the moments they stand

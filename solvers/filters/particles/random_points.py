@@ -82,7 +82,8 @@ def normals(points: str, keys: Keys, epoch: int, stage: int, count: int, n: int)
 def draw(
     matching: str, points: str, keys: Keys, epoch: int, stage: int, count: int, S: Array, mean: Array | None = None
 ) -> Array:
-    """(*batch, count, n) points of N(mean, S S'), S (..., n, n), matched: with these very moments. # E.15, erratum 58
+    """(*batch, count, n) points of N(mean, S S'), S (..., n, n), matched: with these very moments. #
+    docs/mathematics/filters.md#gaussian-particles, erratum 58
 
     "moments" centres and whitens the points of ``normals``; "pairs" takes each with its mirror image besides, so that all
     odd moments about the mean vanish; "none" leaves them as they were drawn. x = mean + S phi^-1(u). # erratum 56

@@ -5,7 +5,7 @@ there the new x_i is drawn, and weighed by likelihood times N(x_i; x-_i, P-_i) o
 where the fix says, and few are enough.
 
 Source: van der Merwe, Doucet, de Freitas & Wan (2000), The unscented particle filter, NIPS 13; Aggarwal, Syed & El-Sheimy
-(2008), hybrid extended particle filter; 004 section 3.2; E.16.
+(2008), hybrid extended particle filter; 004 section 3.2; docs/mathematics/filters.md#particles-that-are-gaussians.
 Shapes: particles (..., M, n), (..., M, n, n); f and h get (..., M, n) and (..., M points, n).
 Departures: both sources take each x_i as a point whose transition density is N(f(x), Q), and yet carry a P_i as if it were
 uncertain. In alignment Q is tiny and zero for the biases, P_i is not: the two densities then never meet and one particle

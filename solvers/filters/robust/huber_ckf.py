@@ -4,7 +4,7 @@ Idea: the update is a regression on the whitened prior and fix; residuals beyond
 cost linearly instead of squared, by weights alpha / |e| and a few rounds of the update (blocks/robust.py).
 
 Source: Huber (1964), doi:10.1214/aoms/1177703732; Karlgaard & Schaub (2007), doi:10.2514/1.26809; Huber-HCKF of 003,
-equations.md E.19.
+docs/mathematics/filters.md#robust-updates.
 Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., points, n).
 Departures: rounds end when the weights stand still, not the state; ``robust="meas"`` leaves the prior at full weight; a
 guard against locking out (filters/robust.py). P is Joseph's with the told R, as the source has it: too small where the

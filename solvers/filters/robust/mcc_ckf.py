@@ -4,10 +4,11 @@ Idea: the update maximises the sum of Gaussian kernels of the whitened residuals
 their squares: weights exp(-e^2 / (2 sigma^2)) and a fixed-point iteration (blocks/robust.py).
 
 Source: Chen, Liu, Zhao & Principe (2017), doi:10.1016/j.automatica.2016.10.004; Liu, Qu, Zhao & Chen (2017),
-doi:10.1016/j.sigpro.2016.12.009 (sigma points); MCC-HCKF of 003, equations.md E.19.
+doi:10.1016/j.sigpro.2016.12.009 (sigma points); MCC-HCKF of 003, docs/mathematics/filters.md#robust-updates.
 Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., points, n).
 Departures: starts from the ordinary posterior, for the iteration from x- refuses every fix after a large innovation
-(flight.md 9.7), and ends when the weights stand still; ``robust="meas"`` leaves the prior at full weight; a guard
+(docs/mathematics/filters.md#robust-updates), and ends when the weights stand still; ``robust="meas"`` leaves the
+prior at full weight; a guard
 against locking out (filters/robust.py). P is Joseph's with the told R, as the source has it. The iteration contracts
 only for sigma above a bound (Chen et al., theorem 2), hence a limit to the rounds. sigma = inf is the cubature filter.
 """

@@ -1,6 +1,7 @@
 """Robust updates: a fix, and the prior, count less the worse they fit; written once for every influence function.
 
-The update is the regression of u = S_p^-1 (x - x-) on the whitened prior and the whitened fix, # 003, E.19
+The update is the regression of u = S_p^-1 (x - x-) on the whitened prior and the whitened fix, # 003,
+docs/mathematics/filters.md#robust-updates
 
     0 = u + e_p,    r = B u + e_m,    r = S_r^-1 (z - z-),    B = S_r^-1 P_zx S_p^-T,
 

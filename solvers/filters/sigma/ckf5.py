@@ -3,7 +3,8 @@
 Idea: the moments of f and h by the fifth-degree spherical-radial rule, 2 n^2 + 1 points: exact for polynomials of
 degree 5, where ``ckf`` stops at 3.
 
-Source: Jia, Xin & Cheng (2013), doi:10.1016/j.automatica.2012.11.014; 003 (11-24) as reconstructed in equations.md E.4.
+Source: Jia, Xin & Cheng (2013), doi:10.1016/j.automatica.2012.11.014; 003 (11-24) as reconstructed in
+docs/mathematics/filters.md#fifth-degree.
 Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., 2 n^2 + 1, n).
 Departures: for n > 4 the points on the axes have negative weights, and on a strongly nonlinear step P-, S or P may
 come out indefinite, beyond the repair of a root: a negative variance turns the gain round. A run that it befalls takes

@@ -1,4 +1,5 @@
-"""The inertial frame with the base's velocity, as a GPS or a zero-velocity update tells it. equations.md D.2."""
+"""The inertial frame with the base's velocity, as a GPS or a zero-velocity update tells it.
+docs/mathematics/coarse_alignment.md#velocity-aid."""
 
 from __future__ import annotations
 
@@ -52,7 +53,8 @@ class Windows(AllPairs):
         return self._solve(self._profile + fade * self._early_profile)
 
     def _own_velocity(self, obs: Observation) -> Array:
-        """What the base's velocity adds to v_i: C_n^i v - C_n^i(0) v(0) + integral of C_n^i (omega_ie x v). D.2.
+        """What the base's velocity adds to v_i: C_n^i v - C_n^i(0) v(0) + integral of C_n^i (omega_ie x v).
+        docs/mathematics/coarse_alignment.md#velocity-aid.
 
         The term at the start drops out of the differences. Without a fix the last velocity holds in the integral.
         """

@@ -1,4 +1,5 @@
-"""Analytic coarse alignment: attitude from the mean specific force and the mean rate of a base at rest. equations.md D.3.
+"""Analytic coarse alignment: attitude from the mean specific force and the mean rate of a base at rest.
+docs/mathematics/coarse_alignment.md#analytic-methods.
 
     R_b = R_n C_b^n,   rows of R_b and R_n:   1  g, w, g x w       2  g, g x w, (g x w) x g       3  the same normalised
 

@@ -1,7 +1,8 @@
 """The rotation C (..., 3, 3) that takes vectors v into vectors u: exactly for two of them, or best for many.
 
 Wahba's problem, min sum_k w_k |u_k - C v_k|^2, hangs on the profile M = sum_k w_k u_k v_k' alone (its solution maximises
-tr(C'M)) and so needs no memory of the pairs. equations.md D.2. A profile of rank one leaves the turn about that vector
+tr(C'M)) and so needs no memory of the pairs. docs/mathematics/coarse_alignment.md#fits. A profile of rank one leaves
+the turn about that vector
 open: C is some rotation that takes it over; one of zero gives the identity; one that is not finite gives NaN.
 """
 

@@ -1,4 +1,5 @@
-"""Coarse alignment in the inertial frame: attitude from the drift of gravity, whatever the base does. equations.md D.1, D.2.
+"""Coarse alignment in the inertial frame: attitude from the drift of gravity, whatever the base does.
+docs/mathematics/coarse_alignment.md#inertial-frame.
 
 In axes frozen at the start, the body's specific force integrates to v_b(t) = integral of C_b^ib0 f dt and the same
 integral is known from the earth's rotation, v_i(t) = - integral of g_i dt (+ the base's own velocity, if a GPS tells it).

@@ -1,9 +1,11 @@
-"""The 10-state error model of alignment: how the INS's velocity error and misalignment grow over an epoch. equations.md C.3.
+"""The 10-state error model of alignment: how the INS's velocity error and misalignment grow over an epoch.
+docs/mathematics/error_models.md#alignment-model.
 
     x = [dV_E, dV_N,  phi_E, phi_N, phi_U,  nabla_x, nabla_y,  eps_x, eps_y, eps_z]
          m/s          rad                   mg (1e-3 g)        deg/h
 
-The default is the exact large-angle model: with every hatted quantity from the INS, C = C_n^c(phi), C_w of C.1,
+The default is the exact large-angle model: with every hatted quantity from the INS, C = C_n^c(phi), C_w of
+docs/mathematics/frames.md#misalignment,
 
     phi' = C_w^-1 [(I - C) omega_in + C d_omega_en - C_hat eps]
     dV'  = (I - C') f + C' C_hat nabla - (2 omega_ie + omega_en) x dV - d_omega_en x (V - dV),   rows E and N.

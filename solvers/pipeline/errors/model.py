@@ -45,7 +45,8 @@ def front(a: Array, axes: int = 1, ndim: int | None = None) -> Array:
 
 
 def turn_euler(phi: Array, r: Array, s: Array, c: Array, out: Array) -> None:
-    """phi + C_w^-1 r into ``out`` (3, ...); ``s`` and ``c`` are the sine and cosine of phi. equations.md C.1."""
+    """phi + C_w^-1 r into ``out`` (3, ...); ``s`` and ``c`` are the sine and cosine of phi.
+    docs/mathematics/frames.md#misalignment."""
     k = (c[1] * r[2] - s[1] * r[0]) / c[0]
     out[0] = phi[0] + c[1] * r[0] + s[1] * r[2]
     out[1] = phi[1] + r[1] - s[0] * k
@@ -80,7 +81,8 @@ class EpochMap(ABC):
         return np.ascontiguousarray(out.transpose(*range(1, n + 1), 0))
 
     def rotation(self, C: Array, w: Array, eps: Array) -> Array:
-        """r (3, ...), how far c turns against n when n turns by ``w``: omega_nc of the epoch. equations.md C.2."""
+        """r (3, ...), how far c turns against n when n turns by ``w``: omega_nc of the epoch.
+        docs/mathematics/error_models.md#epoch-map."""
         return self.turn - total(C * w, axis=1) - total(self.gyro * eps, axis=1)
 
     def turned_force(self, rows: Array, r: Array) -> Array:

@@ -1,4 +1,5 @@
-"""The 15-state error model of navigation: misalignment of any size, velocity, position and biases. equations.md C.2.
+"""The 15-state error model of navigation: misalignment of any size, velocity, position and biases.
+docs/mathematics/error_models.md#navigation-model.
 
     x = [phi_E, phi_N, phi_U,  dv_E, dv_N, dv_U,  dp_E, dp_N, dp_U,  eps_x, eps_y, eps_z,  nabla_x, nabla_y, nabla_z]
          rad                   m/s                m                  deg/h                 mg (1e-3 g)
@@ -10,7 +11,8 @@ in the order of :class:`sins_env.prior.Prior`. With every hatted quantity from t
     dp'  = dv + K dp,   d_omega_in = T dv + W dp
 
 dp = (dlambda (R_N + h) cos L, dL (R_M + h), dh), radii and latitude at the INS's place. K and W are the curvature of the
-earth on the true velocity v - dv (C.2 has v: the difference counts in open loop, after kilometres). ``position=False``
+earth on the true velocity v - dv (docs/mathematics/error_models.md#navigation-model has v: the difference counts in
+open loop, after kilometres). ``position=False``
 leaves dp out, for a base that does not travel: 12 states.
 """
 

@@ -314,7 +314,8 @@ def test_mixed_is_the_textbook_mixture_and_reports_what_its_gain_leaves(share):
 
 
 def test_mixed_with_d_0_is_hinf_ukf_and_d_1_is_the_optimum():
-    """E.11: P^Uinf = P^U, so (4.4.11) has its least variance at d = 1, whatever (4.4.2) says."""
+    """docs/mathematics/filters.md#mixed-filter: P^Uinf = P^U, so (4.4.11) has its least variance at d = 1, whatever
+    (4.4.2) says."""
     p = linear(13, 4, 2)
     mixed, robust = (
         play(flt, p)
@@ -424,7 +425,8 @@ def test_alignment_is_sane(name):
 
 @pytest.mark.slow
 def test_with_a_told_prior_that_is_wrong_azimuth_converges_sooner():
-    """equations.md L: at 180 s CKF 9694 and H-infinity 3028 arcsec; with gamma^2 half as large it escapes."""
+    """docs/mathematics/filters.md#h-infinity; a prototype had 9694 (CKF) and 3028 arcsec at 180 s; with gamma^2 half
+    as large it escapes."""
     kalman, _ = align("ckf", 180.0, 24)
     robust, estimator = align("hinf_ukf", 180.0, 24)
     SI = (

@@ -1,4 +1,5 @@
-"""The predictive filter: the double integrator by hand (E.17), its covariance, its constraint, and the EKF it drives."""
+"""The predictive filter: the double integrator by hand (docs/mathematics/filters.md#predictive-filter), its
+covariance, its constraint, and the EKF it drives."""
 
 import math
 

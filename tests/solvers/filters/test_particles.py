@@ -202,7 +202,7 @@ def test_no_collapse_over_3600_epochs(name):
 
 
 def test_without_marginal_weights_the_covariance_collapses():
-    """What the default is for: E.15, G.3, erratum 58."""
+    """What the default is for: docs/mathematics/filters.md#gaussian-particles, G.3, erratum 58."""
     nees, _ = slow_biases("gpf", 600, particles=100, marginal=False, matching="none")
     assert nees > 3.0
 

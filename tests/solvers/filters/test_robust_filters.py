@@ -1,4 +1,5 @@
-"""Robust filters: what they gain and cost on contaminated tracking (E.19), and that they do not lock out the truth."""
+"""Robust filters: what they gain and cost on contaminated tracking (docs/mathematics/filters.md#robust-updates), and
+that they do not lock out the truth."""
 
 import json
 

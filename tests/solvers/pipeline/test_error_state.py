@@ -1,4 +1,5 @@
-"""The error model against the difference of two strapdown runs, and against an ODE solver on equations.md C.3."""
+"""The error model against the difference of two strapdown runs, and against an ODE solver on
+docs/mathematics/error_models.md#alignment-model."""
 
 import numpy as np
 import pytest
@@ -58,7 +59,7 @@ CASES = [
 def test_predicts_the_difference_of_two_ins(phi, gyro, accel):
     x, actual_phi, actual_dv = difference(phi, gyro, accel)
     left = attitude.wrap(x[2:5] - actual_phi)
-    assert np.abs(left).max() < 0.02 * ARCSEC  # measured 0.003; equations.md C: 0.1
+    assert np.abs(left).max() < 0.02 * ARCSEC  # measured 0.003; docs/mathematics/error_models.md#verification
     assert np.abs(x[:2] - actual_dv).max() < 1e-5
 
 
@@ -92,7 +93,7 @@ def an_epoch(seed, batch=()):
 
 
 def derivative(x, m, body):
-    """equations.md C.3, exact form, written out with matrices and np.cross."""
+    """docs/mathematics/error_models.md#alignment-model, exact form, written out with matrices and np.cross."""
     dv, phi = np.array([x[0], x[1], 0.0]), x[2:5]
     nabla, eps = np.array([x[5], x[6], 0.0]) * ACCEL_UNIT, x[7:10] * GYRO_UNIT
     C_b = m.C if body else np.eye(3)

@@ -1,4 +1,5 @@
-"""The 15-state model against the difference of two strapdown runs, and against an ODE solver on equations.md C.2."""
+"""The 15-state model against the difference of two strapdown runs, and against an ODE solver on
+docs/mathematics/error_models.md#navigation-model."""
 
 import numpy as np
 import pytest
@@ -56,7 +57,7 @@ def difference(phi_deg, gyro_deg_h, accel_ug, seconds, speed=40.0):
     ],
 )
 def test_predicts_the_difference_of_two_ins(phi, gyro, accel, metres):
-    """100 s; flight.md reaches 5e-8 deg, 6e-4 m/s and 0.016 m."""
+    """100 s; a prototype reached 5e-8 deg, 6e-4 m/s and 0.016 m."""
     predicted, actual = difference(phi, gyro, accel, 100.0)
     assert np.abs(attitude.wrap(predicted - actual)[PHI]).max() < 2e-6 * DEG  # measured 1e-6: 0.004 arcsec
     assert np.abs(predicted - actual)[VEL].max() < 5e-5  # measured 1.3e-5
@@ -64,7 +65,7 @@ def test_predicts_the_difference_of_two_ins(phi, gyro, accel, metres):
 
 
 def test_the_gradient_of_gravity_counts_after_five_minutes():
-    """flight.md, without the term in latitude: 0.017 m/s and 1.3 m after 300 s."""
+    """A prototype without the term in latitude: 0.017 m/s and 1.3 m after 300 s."""
     predicted, actual = difference((3, 3, 10), (1, 1, 1), (1000, 1000, 1000), 300.0)
     assert np.abs(predicted - actual)[VEL].max() < 1.7e-3
     assert (
@@ -85,7 +86,8 @@ def an_epoch(seed, batch=()):
 
 
 def derivative(x, m, latitude):
-    """equations.md C.2 as printed, latitude, longitude and height in place of metres; v is the true velocity in the terms
+    """docs/mathematics/error_models.md#navigation-model in the form of 001, latitude, longitude and height in place
+    of metres; v is the true velocity in the terms
     with a position error."""
     phi, dv, eps, nabla = x[PHI], x[VEL], x[9:12] * GYRO_UNIT, x[12:] * ACCEL_UNIT
     R_M, R_N = earth.radii(MODEL, latitude)

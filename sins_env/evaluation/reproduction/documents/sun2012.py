@@ -30,7 +30,8 @@ PHYSICAL = get_task("flight-sun2012-physical-v0")
 
 LEVEL = (
     "Velocity fixes of 0.1 m/s hold the level within seconds to what the accelerometer bias leaves, 1000 ug / g = 0.06 deg: "
-    "a pitch of 2.4 deg on average over 900 s is forty times that, and no start of 3 deg explains it. flight.md, section 1, finds "
+    "a pitch of 2.4 deg on average over 900 s is forty times that, and no start of 3 deg explains it. "
+    "A prototype outside this repository found "
     "attitudes of that size in the error model as it is printed, its element a31 included, and without feedback, where the "
     "position is then 290 m; the filters here have the right model alone."
 )

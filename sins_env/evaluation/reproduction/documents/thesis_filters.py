@@ -1,7 +1,8 @@
 """Fine alignment on the swaying base, 000 chapters 3 to 5: figures 3.3 to 3.5, tables 3.1 to 3.4, 4.1 to 4.4 and 5.1 to 5.4.
 
 Every table is run under two priors: the matched one, in which the filters are told the noise that there is, and that of the
-thesis' section 2.5.4 in the only reading under which its story can be seen (equations.md L, C). A filter that is printed in
+thesis' section 2.5.4 in the only reading under which its story can be seen
+(docs/mathematics/simulation.md#told-priors, reading C). A filter that is printed in
 several tables has its runs once. The spans of the tables differ; errors are causal, so a shorter one is read off a longer run.
 """
 

@@ -314,7 +314,8 @@ _EXAMPLE_3 = Table(
             40,
             5,
             "A filter that estimates the biases takes up the mean of the noise with them, and a constant Q of the right size "
-            "covers what swells and fades. flight.md, section 0, finds what is said only with nine states, no biases and too "
+            "covers what swells and fades. A prototype outside this repository found what is said only with nine "
+            "states, no biases and too "
             "small a Q, which the zoo does not offer: there the adaptive filter is at 5.7 to 9.2 m and the UKF at 494 to 878 m.",
         ),
         Group(

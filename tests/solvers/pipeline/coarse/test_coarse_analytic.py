@@ -1,4 +1,5 @@
-"""Analytic coarse alignment: exact on exact data, and with the first-order errors of equations.md D.3 on others."""
+"""Analytic coarse alignment: exact on exact data, and with the first-order errors of
+docs/mathematics/coarse_alignment.md#analytic-methods on others."""
 
 import gymnasium
 import numpy as np
@@ -79,7 +80,8 @@ def test_azimuth_and_level_errors(form):
 
 @pytest.mark.parametrize(("form", "expected"), [(1, 9e-3), (2, 2e-3), (3, 0.0)])
 def test_how_far_from_a_rotation(form, expected):
-    """equations.md D.3, for 0.1 deg/h east and up and -1 mg north at 45.78 deg: largest element of C'C - I
+    """docs/mathematics/coarse_alignment.md#analytic-methods, for 0.1 deg/h east and up and -1 mg north at 45.78 deg:
+    largest element of C'C - I
     (8.6e-3 and 2.2e-3)."""
     C = disturbed(form, np.array([0.0, -1e-3 * G, 0.0]), 0.1 * DEG_H * np.array([1.0, 0.0, 1.0]))
     assert np.abs(C.T @ C - np.eye(3)).max() == pytest.approx(expected, rel=0.1, abs=1e-14)
