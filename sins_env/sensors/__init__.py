@@ -1,4 +1,5 @@
-"""Sensors turn true motion into measurements: IMU increments and GPS fixes with their errors; Allan deviation reads errors back.
+"""Sensors: what an IMU and a GPS receiver measure of the true motion.
 
-Read ``imu``, ``gps``, ``allan``.
+Exact increments and true states come in with a specification of errors; measured increments and fixes go out. The
+Allan deviation goes the other way, from increments to the errors of their sensor. Read ``imu``, ``gps``, ``allan``.
 """

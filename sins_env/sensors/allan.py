@@ -1,7 +1,7 @@
-"""Allan deviation: what a sensor's noise does over averaging times, measured and expected from a datasheet.
+"""Allan deviation: the noise of a sensor against the averaging time, measured and expected from a datasheet.
 
-Increments are integrals of a rate; the Allan deviation is made of the second differences of their running
-sum. IEEE Std 952-1997, annex C. Every deviation here is in rad/s or m/s^2.
+Increments are integrals of a rate, and the Allan deviation is made of the second differences of their running sum.
+The source is IEEE Std 952-1997, annex C. All deviations are in rad/s or m/s^2.
 """
 
 from __future__ import annotations
@@ -15,22 +15,24 @@ from sins_env.arrays import Array
 from sins_env.specs import ImuSpec
 from sins_env.units import ARCSEC, DEG_PER_H, UG
 
-PER_DECADE = 10
-_HARMONICS = np.arange(1.0, 401.0)  #: of the rounding error; those left out hold 0.15 % of its variance
+PER_DECADE = 10  #: averaging times per decade
+_HARMONICS = np.arange(1.0, 401.0)  #: harmonics of the rounding error; those left out hold 0.15 % of its variance
 
 
 class Allan(NamedTuple):
+    """Allan deviations at T averaging times."""
+
     tau: Array  #: (T,) averaging times, s
-    adev: Array  #: (..., T, n) rad/s or m/s^2
-    standard_error: Array  #: (..., T, n) 1-sigma of ``adev``
+    adev: Array  #: (..., T, n) Allan deviations, rad/s or m/s^2
+    standard_error: Array  #: (..., T, n) 1 sigma of ``adev``, in the same unit
 
 
 def allan_deviation(increments: Array, dt: float, taus: Array | None = None) -> Allan:
-    """Overlapping Allan deviation of increments (..., N, n) over samples of ``dt`` seconds.
+    """Compute the overlapping Allan deviation of increments (..., N, n), rad or m/s, over samples of ``dt`` seconds.
 
-    ``taus`` are rounded to whole samples; None: ten per decade up to an eighth of the record. The standard
-    error takes the fewer of the degrees of freedom that white noise and a random walk of the rate would leave
-    (Riley, NIST SP 1065, table 5), so it is on the safe side for whatever lies between.
+    ``taus`` (T,), s, are rounded to whole samples. None takes ten per decade up to an eighth of the record. The standard
+    error has the degrees of freedom of white noise or of a random walk of the rate, whichever are fewer (Riley, NIST SP
+    1065, table 5). It is therefore not too small for noise in between.
 
     Raises:
         ValueError: fewer than nine samples, or an averaging time beyond half of the record.
@@ -55,7 +57,7 @@ def allan_deviation(increments: Array, dt: float, taus: Array | None = None) -> 
 
 
 def _degrees_of_freedom(points: int, m: NDArray[np.int64]) -> Array:
-    """Of the overlapping estimator from ``points`` angles."""
+    """Return the degrees of freedom of the overlapping estimator from ``points`` angles, at ``m`` samples each."""
     N = float(points)
     white = (1.5 * (N - 1) / m - 2 * (N - 2) / N) * 4.0 * m**2 / (4.0 * m**2 + 5)
     walk = (N - 2) / m * ((N - 1) ** 2 - 3.0 * m * (N - 1) + 4.0 * m**2) / (N - 3) ** 2
@@ -63,7 +65,7 @@ def _degrees_of_freedom(points: int, m: NDArray[np.int64]) -> Array:
 
 
 class Budget(NamedTuple):
-    """Allan deviations (T,) of each part of a sensor's noise."""
+    """Allan deviations (T,) of the parts of a sensor's noise, rad/s or m/s^2."""
 
     white: Array
     markov: Array
@@ -71,13 +73,14 @@ class Budget(NamedTuple):
 
     @property
     def total(self) -> Array:
+        """Allan deviation of all parts together, (T,)."""
         return np.sqrt(self.white**2 + self.markov**2 + self.quantisation**2)
 
 
 def expected_allan(spec: ImuSpec, tau: Array, moving: bool = False) -> tuple[Budget, Budget]:
-    """What the Allan deviations of gyros, rad/s, and accelerometers, m/s^2, should be at ``tau`` (T,) s.
+    """Return the Allan deviations expected of gyros, rad/s, and accelerometers, m/s^2, at ``tau`` (T,) s.
 
-    ``moving``: the input sweeps over many pulses per sample, so that rounding errors are independent.
+    With ``moving`` the input sweeps over many pulses per sample, so that rounding errors are independent.
     Otherwise the sensor rests, and only its own noise and bias shift the pulses.
     """
     return (
@@ -99,12 +102,15 @@ def expected_allan(spec: ImuSpec, tau: Array, moving: bool = False) -> tuple[Bud
 
 
 def white_noise(density: float, tau: Array) -> Array:
-    """N / sqrt(tau), N the random-walk coefficient: slope -1/2."""
+    """Return N / sqrt(tau), the Allan deviation of white noise with the random-walk coefficient N: slope -1/2."""
     return density / np.sqrt(tau)
 
 
 def gauss_markov(sigma: float, time_constant_s: float, tau: Array) -> Array:
-    """Of a first-order Gauss-Markov rate with stationary ``sigma``: rises as sqrt(tau), peaks at 1.89 T."""
+    """Return the Allan deviation of a first-order Gauss-Markov rate with stationary ``sigma`` and correlation time T.
+
+    It rises with sqrt(tau) and peaks at 1.89 T. The source is IEEE Std 952-1997, (C.16).
+    """
     x = np.asarray(tau) / time_constant_s
     u = -np.expm1(-x)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -114,12 +120,14 @@ def gauss_markov(sigma: float, time_constant_s: float, tau: Array) -> Array:
 
 
 def quantisation(pulse: float, tau: Array, rest: tuple[float, float] | None = None) -> Array:
-    """Of counted pulses whose remainder is carried on: the total is never off by more than half a pulse.
+    """Return the Allan deviation of counted pulses whose remainder is carried to the next sample.
 
-    The rounding error of the total is uniform, of variance pulse^2 / 12. Where it is independent from one end
-    of an averaging time to the other, the deviation is pulse / (2 tau) (IEEE 952: sqrt(3) Q / tau with
-    Q = pulse / sqrt(12)): slope -1. ``rest`` = (random walk, 1-sigma bias) of a sensor without input, which
-    drifts through its pulses by these alone: over short times the errors at both ends are correlated.
+    The total is never off by more than half a pulse, and its rounding error is uniform with variance pulse^2 / 12. If
+    the errors at both ends of an averaging time are independent, the deviation is pulse / (2 tau), with slope -1
+    (IEEE Std 952-1997: sqrt(3) Q / tau with Q = pulse / sqrt(12)).
+
+    ``rest`` holds the random-walk coefficient and the 1-sigma bias of a sensor without input. Such a sensor drifts
+    through its pulses by these alone, and over short times the errors at both ends are correlated.
     """
     if pulse == 0:
         return np.zeros(np.shape(tau))
@@ -128,7 +136,10 @@ def quantisation(pulse: float, tau: Array, rest: tuple[float, float] | None = No
     walk, bias = rest
 
     def correlation(lag: Array) -> Array:
-        """Over pulse^2: the sawtooth's harmonics n, each with the characteristic function of the motion."""
+        """Return the correlation of the rounding error over pulse^2.
+
+        It is a sum over the harmonics n of the sawtooth, each times the characteristic function of the motion.
+        """
         spread = (walk**2 * lag + (bias * lag) ** 2) / pulse**2
         decay = np.exp(-2 * np.pi**2 * spread[:, None] * _HARMONICS**2)
         return np.sum(decay / _HARMONICS**2, axis=1) / (2 * np.pi**2)

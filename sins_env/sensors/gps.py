@@ -1,4 +1,7 @@
-"""GPS fixes: true antenna velocity and position plus errors, at the spec's rate, with outages, outliers and jumps."""
+"""GPS fixes: velocity and position of the antenna plus errors, with outages, outliers and jumps.
+
+See docs/mathematics/simulation.md#fixes.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +18,15 @@ from sins_env.sensors.imu import standard_normal
 from sins_env.specs import GpsSpec
 
 Rngs = Sequence[np.random.Generator]
+#: Velocity (runs, epochs, 3) in m/s, position (runs, epochs, 3), and 1 or 0 for a fix or none (runs, epochs, 1).
 Fixes = tuple[Array, Array, NDArray[np.int8]]
 
-#: What is told of zero-velocity updates: the base stands still within its disturbances, at a surveyed place.
+#: Assumed noise of zero-velocity updates: the base stands still but for disturbances, at a surveyed place.
 ZERO_VELOCITY = GpsSpec(vel_std_mps=0.03, pos_std_m=1.0)
 
 
 def epochs_per_fix(spec: GpsSpec, epoch_s: float) -> int:
-    """How many epochs lie between fixes.
+    """Return the number of epochs of ``epoch_s`` s from one fix to the next.
 
     Raises:
         ValueError: fixes that do not fall on the ends of epochs.
@@ -38,7 +42,7 @@ def epochs_per_fix(spec: GpsSpec, epoch_s: float) -> int:
 
 
 def received(spec: GpsSpec, t: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
-    """Which of the times (...,) s lie outside the outages."""
+    """Return which of the times ``t`` (...), s, lie outside the outages. An outage is open at its start."""
     there = np.ones(t.shape, dtype=bool)
     for start, end in spec.outages_s:
         there &= ~((t > start) & (t <= end))
@@ -46,29 +50,35 @@ def received(spec: GpsSpec, t: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
 
 
 def zero_velocity_fixes(there: NDArray[np.bool_], runs: int, pos: Array) -> Fixes:
-    """Zero-velocity updates at a known place, at the epochs where ``there`` (epochs,); as :meth:`Gps.fixes` gives them."""
+    """Return zero-velocity updates at the known place ``pos``, in the form of :meth:`Gps.fixes`.
+
+    ``there`` (epochs,) says which epochs end with one.
+    """
     valid = np.broadcast_to(there[:, None], (runs, len(there), 1))
     return np.zeros((runs, len(there), 3)), valid * pos, valid.astype(np.int8)
 
 
 class ZeroVelocity:
-    """No receiver: a parked base is said to stand still at its site. Its own motion is the error of these updates."""
+    """Zero-velocity updates of a parked base without a receiver. Its own motion is their error."""
 
     def __init__(self, spec: GpsSpec, epoch_s: float, pos: Array) -> None:
         self.spec, self._every, self._pos = spec, epochs_per_fix(spec, epoch_s), pos
 
     def reset(self, streams: Sequence[Sequence[np.random.Generator]]) -> None:
-        """Nothing is drawn."""
+        """Do nothing, for these updates draw no errors."""
 
     def fixes(self, motion: Motion, first_epoch: int) -> Fixes:
-        """As :meth:`Gps.fixes`."""
+        """Return the updates of a chunk of epochs, in the form of :meth:`Gps.fixes`."""
         runs, epochs = motion.state.vel.shape[:2]
         there = np.arange(first_epoch + 1, first_epoch + epochs + 1) % self._every == 0
         return zero_velocity_fixes(there, runs, self._pos)
 
 
 class Gps:
-    """A batch of receivers. All draws are made at every epoch, so that a change of rate leaves the errors as they were."""
+    """A batch of receivers.
+
+    Errors are drawn at every epoch, with a fix or without, so that another rate leaves the other errors as they were.
+    """
 
     def __init__(self, spec: GpsSpec, epoch_s: float, duration_s: float, model: earth.Earth) -> None:
         self.spec, self.epoch_s, self._earth = spec, epoch_s, model
@@ -77,7 +87,7 @@ class Gps:
         self._lever = np.asarray(spec.lever_arm_m)
 
     def reset(self, streams: Sequence[Sequence[np.random.Generator]]) -> None:
-        """``streams``: per run three generators, for noise, outliers, and jumps."""
+        """Begin the runs. ``streams`` holds three generators for each: for noise, for outliers and for jumps."""
         self._noise, self._outliers, jumps = zip(*streams, strict=True)
         draws = np.stack([rng.random(2) for rng in jumps])
         direction = 2 * np.pi * draws[:, 0]
@@ -90,7 +100,11 @@ class Gps:
         self._jump_start, self._jump_end = start, end
 
     def fixes(self, motion: Motion, first_epoch: int) -> Fixes:
-        """Velocity (runs, epochs, 3), position (runs, epochs, 3), valid (runs, epochs, 1); zeros where there is no fix."""
+        """Return the fixes of a chunk of epochs that begins after ``first_epoch``.
+
+        They are velocity (runs, epochs, 3), position (runs, epochs, 3) and validity (runs, epochs, 1). An epoch without
+        a fix has zeros.
+        """
         runs, epochs = motion.state.vel.shape[:2]
         number = np.arange(first_epoch + 1, first_epoch + epochs + 1)
         t = number * self.epoch_s
@@ -111,7 +125,10 @@ class Gps:
         return vel, pos, np.broadcast_to(present[:, None], (runs, epochs, 1)).astype(np.int8)
 
     def _errors(self, runs: int, epochs: int) -> Array:
-        """Unit errors of each fix, (runs, epochs, 6): Gaussian, contaminated, or heavy-tailed, one factor per fix."""
+        """Draw the errors of each fix over their standard deviations, (runs, epochs, 6).
+
+        They are Gaussian, and contamination or heavy tails scale all six by one factor.
+        """
         unit = standard_normal(self._noise, (epochs, 6))
         dof, share = self.spec.heavy_tail_dof, self.spec.contamination
         if share:

@@ -1,7 +1,8 @@
-"""Inertial sensor errors added to exact increments. docs/mathematics/simulation.md#inertial-sensors.
+"""Inertial sensors: their errors, added to exact increments.
 
-Each run draws from streams of its own, so that a run's errors depend neither on its neighbours nor on the chunks in
-which they are generated. The loop over runs at the draw is the only one.
+Each run draws from streams of its own. Its errors therefore depend neither on its neighbours nor on the chunks in which
+they are generated. The loop over runs at the draw is the only one.
+See docs/mathematics/simulation.md#inertial-sensors.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ Rngs = Sequence[np.random.Generator]
 
 
 def standard_normal(rngs: Rngs, shape: tuple[int, ...]) -> Array:
-    """(runs, *shape) normals, each run's from its own generator."""
+    """Draw standard normal numbers (runs, *shape), those of a run from its own generator."""
     out = np.empty((len(rngs), *shape))
     for rng, row in zip(rngs, out, strict=True):
         rng.standard_normal(out=row)
@@ -28,7 +29,11 @@ def standard_normal(rngs: Rngs, shape: tuple[int, ...]) -> Array:
 
 
 class GaussMarkov:
-    """First-order Gauss-Markov bias, exactly discretised: x' = a x + eta, a = exp(-dt/T), var eta = s^2 (1 - a^2). (2.5.6-8)."""
+    """A first-order Gauss-Markov bias, discretised exactly. 000 (2.5.6) to (2.5.8).
+
+    The next sample is x' = a x + eta with a = exp(-dt / T) and var eta = s^2 (1 - a^2). Here s is the stationary standard
+    deviation ``sigma`` and T the correlation time.
+    """
 
     def __init__(self, sigma: float, time_constant_s: float, dt: float) -> None:
         self.sigma = sigma
@@ -36,11 +41,12 @@ class GaussMarkov:
         self._drive = sigma * math.sqrt(-math.expm1(-2 * dt / time_constant_s))
 
     def reset(self, rngs: Rngs) -> None:
+        """Begin one run per generator, with a bias drawn from the stationary distribution."""
         self._rngs = rngs
         self._x = self.sigma * standard_normal(rngs, (3,))  # starts in its stationary state
 
     def samples(self, count: int) -> Array:
-        """The bias in force during each of the next ``count`` samples, (runs, count, 3)."""
+        """Return the bias during each of the next ``count`` samples, (runs, count, 3)."""
         eta = standard_normal(self._rngs, (count, 3))
         eta *= self._drive
         from scipy.signal import lfilter  # a second of import time, needed by Gauss-Markov biases only
@@ -53,30 +59,33 @@ class GaussMarkov:
 
 @dataclass(frozen=True)
 class Wave:
-    """The standard deviation of white noise follows cos(rate t + phase), of which its density is the amplitude."""
+    """A wave cos(rate t + phase) that the density of white noise follows; the specified density is its amplitude."""
 
     rate: float  #: rad/s
     phase: float = 0.0  #: rad
 
     def rms(self, first: int, count: int, dt: float) -> Array:
-        """Root of the mean of its square over each of the samples from ``first`` on, (count,)."""
+        """Return the root mean square of the wave over each of ``count`` samples of ``dt`` s from ``first`` on, (count,)."""
         middles = (first + 0.5 + np.arange(count)) * dt
         return np.sqrt(0.5 * (1.0 + np.sinc(self.rate * dt / np.pi) * np.cos(2.0 * (self.rate * middles + self.phase))))
 
 
 @dataclass(frozen=True)
 class Script:
-    """How a scenario's true sensors depart from their spec: biases of + 1 sigma in every run, a mean and a course of the noise."""
+    """Departures of a scenario's true sensors from their specification."""
 
-    fixed_bias: bool = False
-    gyro_mean_deg_h: float = 0.0
-    accel_mean_ug: float = 0.0
-    gyro_wave: Wave | None = None
-    accel_wave: Wave | None = None
+    fixed_bias: bool = False  #: whether all biases are + 1 sigma in every run
+    gyro_mean_deg_h: float = 0.0  #: added to the gyro bias
+    accel_mean_ug: float = 0.0  #: added to the accelerometer bias
+    gyro_wave: Wave | None = None  #: course of the density of the gyros' white noise
+    accel_wave: Wave | None = None  #: course of the density of the accelerometers' white noise
 
 
 class _Triad:
-    """Three like sensors: out = (I + scale and misalignment) true + (bias + Markov) dt + white, then quantised."""
+    """Three equal sensors: out = (I + M) true + (bias + Markov bias) dt + white noise, then whole pulses.
+
+    M holds scale factors on its diagonal and misaligned axes beside it.
+    """
 
     def __init__(
         self,
@@ -105,7 +114,7 @@ class _Triad:
             self.markov.reset(markov)
 
     def measure(self, true: Array) -> Array:
-        """Measured increments of true ones, (runs, epochs, n_sub, 3)."""
+        """Return the measured increments of true ones, (runs, epochs, n_sub, 3)."""
         runs, epochs, n_sub, _ = true.shape
         shape = (epochs * n_sub, 3)
         out = standard_normal(self._noise, shape)
@@ -125,7 +134,7 @@ class _Triad:
         return out.reshape(runs, epochs, n_sub, 3)
 
     def _quantise(self, increments: Array) -> Array:
-        """Whole pulses; what is left of a pulse is carried to the next sample, as a counter does."""
+        """Round to whole pulses; the rest of a pulse is carried to the next sample, like that of a counter."""
         total = np.cumsum(np.concatenate([self._residual, increments], axis=1), axis=1)
         pulses = np.rint(total[:, 1:] / self.lsb)
         self._residual = total[:, -1:] - self.lsb * pulses[:, -1:]
@@ -133,7 +142,7 @@ class _Triad:
 
 
 class Imu:
-    """The errors of a batch of inertial measurement units sampled every ``dt`` seconds."""
+    """A batch of inertial measurement units with these errors, sampled every ``dt`` seconds."""
 
     def __init__(self, spec: ImuSpec, dt: float, script: Script | None = None) -> None:
         self.spec = spec
@@ -161,11 +170,14 @@ class Imu:
         )
 
     def reset(self, streams: Sequence[Sequence[np.random.Generator]]) -> None:
-        """``streams``: per run six generators, (fixed, noise, markov) of the gyros, then of the accelerometers."""
+        """Begin the runs. ``streams`` holds six generators for each.
+
+        Three are for the gyros, for fixed errors, noise and Markov biases, and then three for the accelerometers.
+        """
         columns = list(zip(*streams, strict=True))
         self.gyro.reset(*columns[:3])
         self.accel.reset(*columns[3:])
 
     def measure(self, dtheta: Array, dvel: Array) -> tuple[Array, Array]:
-        """Measured increments of exact ones, each (runs, epochs, n_sub, 3)."""
+        """Return the measured increments of exact ones, rad and m/s, each (runs, epochs, n_sub, 3)."""
         return self.gyro.measure(dtheta), self.accel.measure(dvel)

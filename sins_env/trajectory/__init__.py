@@ -1,4 +1,9 @@
-"""Truth: what the base really does. A trajectory yields exact increments and the state at each epoch, in chunks."""
+"""The true motion of the base: swaying, standing, parked or flying.
+
+A motion's settings and random generators come in; exact increments of the inertial sensors and the true state at the
+end of each epoch go out, in chunks of epochs (:class:`sins_env.motion.Motion`). Read ``sway``; then ``segments``,
+``plan``, ``flight``; then ``suspension``, ``car``, ``vehicle``.
+"""
 
 from sins_env.motion import Motion, Trajectory
 from sins_env.trajectory.flight import Flight

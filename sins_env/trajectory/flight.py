@@ -1,9 +1,10 @@
-"""A flight along the segments of a plan, exact to rounding. docs/mathematics/simulation.md#flight-truth.
+"""The true motion of a flight along the segments of a plan, exact to rounding.
 
 Velocity and attitude are closed forms of time, and so are specific force and angular rate once the position is known.
-The position follows from the velocity by Gauss-Legendre collocation with five nodes per IMU sample, whose few implicit
-equations are solved by fixed-point iteration for all samples of a chunk at once; at the same nodes the increments are
-integrated. A plan is the same in every run: one computation serves the whole batch.
+The position follows from the velocity by Gauss-Legendre collocation with five nodes per IMU sample. Its implicit
+equations are solved by fixed-point iteration, for all samples of a chunk at once. The increments are integrated at the
+same nodes. The flight is the same in every run, so that one computation serves the whole batch.
+See docs/mathematics/simulation.md#flight-truth.
 """
 
 from __future__ import annotations
@@ -18,13 +19,16 @@ from sins_env.motion import Motion
 from sins_env.trajectory.plan import FlightPlan, Kinematics
 from sins_env.types import NavState
 
-#: Each gains four digits or more on a chunk of 60 km: the radii hardly depend on where one is.
+#: Fixed-point iterations. Each gains four digits or more on a chunk of 60 km, because the radii hardly depend on latitude.
 _ITERATIONS = 4
-_CATCH_UP = 300  #: IMU samples at once, where a chunk is asked for out of order
+_CATCH_UP = 300  #: IMU samples computed at once on the way to a chunk that is asked for out of order
 
 
 def _collocation(nodes: int) -> tuple[Array, Array, Array]:
-    """Gauss-Legendre on (0, 1): nodes c, weights b, and A with A_ij the integral of the j-th Lagrange polynomial to c_i."""
+    """Return nodes c, weights b and the matrix A of Gauss-Legendre collocation on (0, 1).
+
+    A_ij is the integral of the j-th Lagrange polynomial from 0 to c_i.
+    """
     x, w = np.polynomial.legendre.leggauss(nodes)
     c = 0.5 * (x + 1.0)
     powers = np.arange(nodes)
@@ -33,10 +37,10 @@ def _collocation(nodes: int) -> tuple[Array, Array, Array]:
 
 
 class Flight:
-    """A batch of identical flights.
+    """A batch of identical flights with epochs of ``epoch_s`` s and ``n_sub`` IMU samples in each.
 
     Raises:
-        ValueError: borders of segments that are not on the grid of IMU samples.
+        ValueError: a segment that ends between two IMU samples.
     """
 
     def __init__(self, plan: FlightPlan, epoch_s: float, n_sub: int) -> None:
@@ -49,7 +53,7 @@ class Flight:
         self._rewind()
 
     def reset(self, rngs: Sequence[np.random.Generator]) -> NavState:
-        """The start, (runs, ...); nothing is drawn."""
+        """Return the true states at t = 0, (runs, ...). A flight draws nothing; the generators give the number of runs."""
         self._runs = len(rngs)
         self._rewind()
         start = self.plan.kinematics(np.zeros(1), np.zeros(1, dtype=np.intp))
@@ -57,6 +61,7 @@ class Flight:
         return NavState(*(np.broadcast_to(part, (self._runs, part.shape[-1])) for part in state))
 
     def chunk(self, first_epoch: int, num_epochs: int) -> Motion:
+        """Return the motion in epochs first_epoch + 1 ... first_epoch + num_epochs, as read-only views."""
         if first_epoch < self._epoch:
             self._rewind()
         while self._epoch < first_epoch:
@@ -69,11 +74,11 @@ class Flight:
         self._epoch, self._pos = 0, self.plan.site.pos
 
     def _spread(self, part: Array) -> Array:
-        """The same for every run: a read-only view."""
+        """Repeat an array for every run, as a read-only view."""
         return np.broadcast_to(part, (self._runs, *part.shape))
 
     def _advance(self, epochs: int) -> Motion:
-        """The next epochs of one flight, without a run axis."""
+        """Compute the next epochs of one flight, without a run axis."""
         first = self._epoch * self.n_sub
         edges = np.arange(first, first + epochs * self.n_sub + 1, dtype=np.float64) * self._dt
         middles = edges[:-1] + 0.5 * self._dt
@@ -83,7 +88,7 @@ class Flight:
         rate, force = self._sensed(inside, pos)
         shape = (epochs, self.n_sub, 3)
         dtheta, dvel = (self._dt * np.matmul(self._b, part).reshape(shape) for part in (rate, force))
-        # at a border the segment that ends there: the rates may jump
+        # rates may jump at a border; there the segment that ends counts
         last = slice(self.n_sub - 1, None, self.n_sub)
         now = self.plan.kinematics(edges[1:][last], segment[last])
         q_nb = attitude.from_euler(*now.angles.T)
@@ -92,7 +97,10 @@ class Flight:
         return Motion(dtheta, dvel, NavState(q_nb, now.vel, ends[last]), rate_eb_b)
 
     def _positions(self, vel: Array) -> tuple[Array, Array]:
-        """Positions at the nodes (samples, nodes, 3) and at the ends of the samples (samples, 3), of the velocity at the nodes."""
+        """Integrate the velocity at the nodes to positions.
+
+        They are at the nodes (samples, nodes, 3) and at the ends of the samples (samples, 3).
+        """
         inside, ends = np.empty(vel.shape), np.empty((len(vel), 3))
         inside[..., 2], ends[:, 2] = self._integral(vel[..., 2], self._pos[2])
         inside[..., 0] = self._pos[0]
@@ -105,22 +113,22 @@ class Flight:
         return inside, ends
 
     def _integral(self, rate: Array, start: float) -> tuple[Array, Array]:
-        """Of a rate at the nodes (samples, nodes): its integral at the nodes and at the ends of the samples."""
+        """Integrate a rate at the nodes (samples, nodes): values at the nodes and at the ends of the samples."""
         corners = np.cumsum(np.concatenate([[start], self._dt * (rate @ self._b)]))
         return corners[:-1, None] + self._dt * (rate @ self._A.T), corners[1:]
 
     def _transport(self, vel: Array, pos: Array) -> Array:
-        """omega_en in n."""
+        """Return the transport rate omega_en in n, rad/s, (..., 3)."""
         return np.matmul(earth.transport_matrix(self._earth, pos[..., 0], pos[..., 2]), vel[..., None])[..., 0]
 
     @staticmethod
     def _turned(at: Kinematics, vector_n: Array) -> Array:
-        """A vector of n in body axes."""
+        """Return a vector of n in body axes."""
         C_nb = attitude.to_dcm(attitude.from_euler(*np.moveaxis(at.angles, -1, 0)))
         return np.matmul(np.swapaxes(C_nb, -1, -2), vector_n[..., None])[..., 0]
 
     def _sensed(self, at: Kinematics, pos: Array) -> tuple[Array, Array]:
-        """omega_ib^b and f^b, (..., 3) each. docs/mathematics/simulation.md#increments."""
+        """Return omega_ib^b and f^b, (..., 3) each. See docs/mathematics/simulation.md#increments."""
         rate_ie, rate_en = earth.rate_n(self._earth, pos[..., 0]), self._transport(at.vel, pos)
         force = at.accel + np.cross(2.0 * rate_ie + rate_en, at.vel)
         force[..., 2] += earth.gravity(self._earth, pos[..., 0], pos[..., 2])

@@ -1,7 +1,7 @@
-"""A flight plan: where it starts, its segments, and the closed form of velocity and attitude that they make.
-docs/mathematics/simulation.md#flight-plan.
+"""A flight plan: its start, its segments, and the closed forms of velocity and attitude that follow from them.
 
 A plan is a dict of the fields of :class:`FlightPlan`, in Python or in a YAML or JSON file.
+See docs/mathematics/simulation.md#flight-plan.
 """
 
 from __future__ import annotations
@@ -25,25 +25,24 @@ from sins_env.types import Site
 from sins_env.units import DEG
 
 MAX_PITCH_DEG, MAX_ROLL_DEG = 85.0, 180.0
-MAX_LATITUDE_DEG = (
-    89.0  #: by the track on a sphere, which is off by less than 0.1 deg; the local-level frame ends at 89.9
-)
-MAX_SPEED_MPS, MIN_HEIGHT_M, MAX_HEIGHT_M = 1e4, -1e3, 1e5  #: those of the observation space
-FLIGHT_FILES = (".yaml", ".yml", ".json")
+#: Largest latitude of the track on a sphere, which is off by less than 0.1 deg. The local-level frame ends at 89.9.
+MAX_LATITUDE_DEG = 89.0
+MAX_SPEED_MPS, MIN_HEIGHT_M, MAX_HEIGHT_M = 1e4, -1e3, 1e5  #: limits of the observation space
+FLIGHT_FILES = (".yaml", ".yml", ".json")  #: endings of the files that may hold a plan
 
 
 class Kinematics(NamedTuple):
-    """At some instants: angles are heading, pitch, roll."""
+    """Velocity and attitude with their derivatives at some instants."""
 
     vel: Array  #: (..., 3) m/s E, N, U
-    accel: Array  #: (..., 3) m/s^2, its derivative
-    angles: Array  #: (..., 3) rad
-    rates: Array  #: (..., 3) rad/s
+    accel: Array  #: (..., 3) m/s^2, the derivative of ``vel``
+    angles: Array  #: (..., 3) heading, pitch, roll, rad
+    rates: Array  #: (..., 3) their derivatives, rad/s
 
 
 @dataclass(frozen=True)
 class FlightPlan:
-    """Where a flight starts, level and at what speed and heading, and its segments.
+    """A flight from a place, a speed and a heading along its segments. It starts with zero pitch and roll.
 
     Raises:
         ValueError: an impossible flight; the error names the segment.
@@ -86,7 +85,9 @@ class FlightPlan:
 
     @classmethod
     def of(cls, given: Any) -> FlightPlan:
-        """A plan, a dict of its fields, or the path of a YAML or JSON file with them.
+        """Make a plan from a dict of its fields, or from the path of a YAML or JSON file with them.
+
+        A plan is returned as it is.
 
         Raises:
             ValueError: an impossible flight, or a field that does not exist.
@@ -111,21 +112,22 @@ class FlightPlan:
 
     @property
     def site(self) -> Site:
-        """Where it starts."""
+        """The place at which the flight starts."""
         return Site(self.latitude_deg * DEG, self.longitude_deg * DEG, self.height_m, self.earth)
 
     @cached_property
     def ends_s(self) -> Array:
-        """(segments,) when each segment ends."""
+        """Times at which the segments end, s, (segments,)."""
         return np.cumsum([segment.duration_s for segment in self.segments])
 
     @property
     def duration_s(self) -> float:
+        """Length of the flight, s."""
         return float(self.ends_s[-1])
 
     @property
     def rest_s(self) -> float:
-        """How long it stands still at first."""
+        """Time for which the vehicle stands still at first, s."""
         still = 0.0
         if self.speed_mps == 0:
             for segment in self.segments:
@@ -136,7 +138,11 @@ class FlightPlan:
 
     @cached_property
     def _table(self) -> tuple[Array, Array, Array]:
-        """Per segment: duration (S,); rates (S, 4) of speed, heading, pitch, roll at its start; slope of the heading rate (S,)."""
+        """Numbers of the S segments, angles in rad.
+
+        They are durations (S,), rates of speed, heading, pitch and roll at the start (S, 4), and slopes of the heading
+        rate (S,).
+        """
         T = np.array([s.duration_s for s in self.segments])
         heading = DEG * np.array([s.heading_rates_deg_s for s in self.segments])
         others = np.array([(s.accel_mps2, s.pitch_rate_deg_s, s.roll_rate_deg_s) for s in self.segments])
@@ -145,14 +151,17 @@ class FlightPlan:
 
     @cached_property
     def _corners(self) -> Array:
-        """(S + 1, 4) speed, heading, pitch, roll at the start and after each segment."""
+        """Speed, heading, pitch and roll at the start and after each segment, (S + 1, 4)."""
         T, rates, slope = self._table
         steps = rates * T[:, None]
         steps[:, 1] += 0.5 * slope * T**2
         return np.cumsum(np.vstack([[self.speed_mps, self.heading_deg * DEG, 0.0, 0.0], steps]), axis=0)
 
     def kinematics(self, t: Array, segment: NDArray[np.intp]) -> Kinematics:
-        """Velocity and attitude with their derivatives at times ``t`` s within the segments of those indices."""
+        """Return velocity and attitude with their derivatives at times ``t`` s, which lie in the given segments.
+
+        ``t`` and ``segment``, an index, are arrays whose shapes broadcast; results are (..., 3).
+        """
         _, rates, slope = self._table
         since = t - np.concatenate([[0.0], self.ends_s])[segment]
         accel, turn, pitching, rolling = np.moveaxis(rates[segment], -1, 0)
@@ -173,10 +182,10 @@ class FlightPlan:
         )
 
     def check_grid(self, dt: float) -> None:
-        """Borders must lie on the grid of IMU samples: rates jump there.
+        """Check that segments end on the grid of IMU samples of ``dt`` s, because rates jump there.
 
         Raises:
-            ValueError: a segment that ends between two samples, and where it may end.
+            ValueError: a segment that ends between two samples; the error says when it may end.
         """
         off = self.ends_s / dt - np.rint(self.ends_s / dt)
         bad = np.flatnonzero(np.abs(off) > 1e-6)
@@ -188,7 +197,10 @@ class FlightPlan:
             )
 
     def summary(self) -> list[tuple[str, Array]]:
-        """Per segment: manoeuvre, and when it ends in s, then speed in m/s, heading, pitch and roll in deg, (5,)."""
+        """Return manoeuvre and end of each segment.
+
+        The end is (5,): time in s, speed in m/s, then heading, pitch and roll in deg.
+        """
         ends = np.column_stack([self.ends_s, self._corners[1:] / [1.0, DEG, DEG, DEG]])
         return [(segment.manoeuvre, end) for segment, end in zip(self.segments, ends, strict=True)]
 
@@ -197,7 +209,7 @@ class FlightPlan:
         return f"segment {i + 1} ({segment.manoeuvre}, {end - segment.duration_s:g} to {end:g} s)"
 
     def _check_corners(self) -> None:
-        """Speed, pitch and roll are linear within a segment: their extremes are at its ends."""
+        """Check speed, pitch and roll at the ends of the segments; in between they are linear."""
         rad = 1.0 / DEG
         limits = (
             (0, "speed {:g} m/s", 1.0, 0.0, MAX_SPEED_MPS),
@@ -211,9 +223,10 @@ class FlightPlan:
                     raise ValueError(f"{self._named(i)} ends at {what.format(value)}; allowed: {low:g} to {high:g}")
 
     def track(self) -> tuple[Array, NDArray[np.intp], Kinematics, Array]:
-        """Every second or more often: times (N,) s, segments (N,), kinematics, and metres E, N, U (N, 3) from the start.
+        """Return a track with a point every second or more often, for figures and checks.
 
-        By the trapezoidal rule on a flat Earth: to look at and to check, not the truth.
+        It holds times (N,) in s, indices of segments (N,), kinematics (N, ...) and metres E, N, U from the start (N, 3).
+        The metres come from the trapezoidal rule on a flat Earth; the truth is :class:`sins_env.trajectory.flight.Flight`.
         """
         t = np.linspace(0.0, self.duration_s, max(int(self.duration_s), 200) + 1)
         segment = np.minimum(np.searchsorted(self.ends_s, t), len(self.segments) - 1)
@@ -222,7 +235,7 @@ class FlightPlan:
         return t, segment, at, np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
 
     def _check_path(self) -> None:
-        """Latitude and height along the way stay where the frame and the observations exist."""
+        """Check that latitude and height stay within the domain of the frame and of the observations."""
         _, segment, _, moved = self.track()
         latitude, height = self.latitude_deg + moved[:, 1] / 6.37e6 / DEG, self.height_m + moved[:, 2]
         for what, value, low, high in (
@@ -236,7 +249,7 @@ class FlightPlan:
 
 
 def _read(path: Path) -> Any:
-    """What a YAML or JSON file holds."""
+    """Read a YAML or JSON file."""
     if path.suffix.lower() not in FLIGHT_FILES:
         raise ValueError(f"no flight; allowed: a file that ends in {', '.join(FLIGHT_FILES)}")
     text = path.read_text(encoding="utf-8")

@@ -1,7 +1,12 @@
-"""Segments of a flight: speed, pitch and roll change at constant rates, the heading at a linear one.
+"""Segments of a flight: speed, pitch and roll change at constant rates, and the heading rate changes linearly.
 
-A segment is written as a dict of the fields of :class:`Segment`, as a row of numbers in their order (heading rate at
-the start, then at the end), or as a manoeuvre: ``["accelerate", 10, 0.2]`` is ten seconds at 0.2 m/s^2.
+A segment may be written in three ways:
+
+- a dict of the fields of :class:`Segment`;
+- a row of numbers in the order of these fields, with the heading rate at the start and then at the end;
+- a manoeuvre such as ``["accelerate", 10, 0.2]``, which is ten seconds at 0.2 m/s^2.
+
+See docs/mathematics/simulation.md#flight-plan.
 """
 
 from __future__ import annotations
@@ -13,7 +18,7 @@ from typing import Any
 from sins_env import checks
 from sins_env.checks import build
 
-#: A manoeuvre is one field of a segment, with the sign that its size gets; a size of either sign where that is 0.
+#: Manoeuvres by name: the field that the size sets, and the sign that the name gives to it. With 0 the size has its own.
 MANOEUVRES = {
     "cruise": None,
     "accelerate": ("accel_mps2", 1),
@@ -27,17 +32,17 @@ MANOEUVRES = {
 
 @dataclass(frozen=True)
 class Segment:
-    """``heading_rate_deg_s``: clockwise, one number, or those at the start and at the end.
+    """A segment of a flight.
 
     Raises:
         ValueError: a duration that is not positive, anything that is not a finite number.
     """
 
     duration_s: float
-    accel_mps2: float = 0.0  #: along the path
-    pitch_rate_deg_s: float = 0.0
-    roll_rate_deg_s: float = 0.0
-    heading_rate_deg_s: float | tuple[float, ...] = 0.0
+    accel_mps2: float = 0.0  #: acceleration along the path
+    pitch_rate_deg_s: float = 0.0  #: positive raises the nose
+    roll_rate_deg_s: float = 0.0  #: positive lowers the right side
+    heading_rate_deg_s: float | tuple[float, ...] = 0.0  #: positive turns right; one number, or (at start, at end)
 
     def __post_init__(self) -> None:
         checks.keep(self, "duration_s", checks.number, "a positive number of seconds", above=0.0)
@@ -50,10 +55,10 @@ class Segment:
 
     @classmethod
     def of(cls, given: Any) -> Segment:
-        """A segment however it is written.
+        """Make a segment from any of the forms in the module's docstring.
 
         Raises:
-            ValueError: what is no segment, with the nearest name.
+            ValueError: anything else; for an unknown name the error offers the nearest one.
         """
         if isinstance(given, Segment):
             return given
@@ -70,7 +75,7 @@ class Segment:
 
     @property
     def manoeuvre(self) -> str:
-        """Its name, those of several at once joined."""
+        """Name of the manoeuvre; several at once are joined by ``+``."""
         fields = {"accel_mps2": self.accel_mps2, "pitch_rate_deg_s": self.pitch_rate_deg_s}
         fields |= {
             "roll_rate_deg_s": self.roll_rate_deg_s,
@@ -81,13 +86,13 @@ class Segment:
 
     @property
     def heading_rates_deg_s(self) -> tuple[float, float]:
-        """At the start and at the end."""
+        """Heading rates at the start and at the end, deg/s."""
         given = self.heading_rate_deg_s
         return (given[0], given[1]) if isinstance(given, tuple) else (given, given)
 
 
 def _manoeuvre(row: list[Any]) -> Segment:
-    """[name, duration, size]; a turn may have two sizes, a cruise has none."""
+    """Make a segment from [name, duration, size]; a turn may have two sizes, a cruise has none."""
     name, *numbers = row
     what = MANOEUVRES[checks.choice("manoeuvre", name, MANOEUVRES)]
     sizes = (0,) if what is None else (1, 2) if name == "turn" else (1,)

@@ -1,14 +1,23 @@
-"""Damped second-order modes under inputs that begin, last and settle: their response in closed form.
+"""Damped second-order modes and their closed-form response to steps, blows and bursts.
 
-A mode obeys q'' + 2 zeta w q' + w^2 q = w^2 u(t), with u in units of the deflection at which the load would settle. An input
-is a finite sum of exponentials while it lasts, and constant from then on:
+A mode obeys q'' + 2 zeta w q' + w^2 q = w^2 u(t), with u in units of the deflection at which the load would settle. An
+input is a finite sum of exponentials while it lasts, and constant afterwards:
 
     u(t) = a Re sum_k c_k exp(i v_k (t - t0))    t0 <= t < t0 + T          a s    t >= t0 + T
 
-A smooth step (a raised cosine, c = 1/2, -1/2, v = 0, pi/T, s = 1), a smooth blow (v = 2 pi/T, s = 0) and a sinusoid that
-grows and decays (Hann's window is three exponentials) are all of this kind, with u and u' continuous; so q, q', q'' and
-q''' are continuous, too. While the input lasts q = Re(sum_k a c_k H(i v_k) exp(i v_k t) + h exp(L t)), from then on
-q = a s + Re(h' exp(L t)), with H(p) = w^2 / (p^2 + 2 zeta w p + w^2) and L = -zeta w + i w sqrt(1 - zeta^2).
+Three shapes are used:
+
+    a step, a raised cosine       c = 1/2, -1/2    v = 0, pi/T      s = 1
+    a blow                        c = 1/2, -1/2    v = 0, 2 pi/T    s = 0
+    a burst, a sinusoid under Hann's window, which is three exponentials
+
+Each has continuous u and u', so that q, q', q'' and q''' are continuous. The response is
+
+    q = Re(sum_k a c_k H(i v_k) exp(i v_k t) + h exp(L t))    while the input lasts
+    q = a s + Re(h' exp(L t))                                 afterwards
+
+with H(p) = w^2 / (p^2 + 2 zeta w p + w^2) and L = -zeta w + i w sqrt(1 - zeta^2).
+See docs/mathematics/simulation.md#parked-car.
 """
 
 from __future__ import annotations
@@ -24,48 +33,48 @@ from sins_env.arrays import Array
 
 Complex = NDArray[np.complex128]
 
-SPAN_S = 4.0  #: of times that share one table of exp(L t)
+SPAN_S = 4.0  #: length of the intervals of time that share one table of exp(L t)
 
 
 class Shape(NamedTuple):
-    """u of an input of unit size."""
+    """The course u of an input of unit size, in the symbols of the module's docstring."""
 
-    weight: tuple[complex, complex, complex]  #: c_k
-    turn: tuple[float, float, float]  #: v_k in rad/s
-    settled: float  #: s
+    weight: tuple[complex, complex, complex]  #: weights c_k of the exponentials
+    turn: tuple[float, float, float]  #: their frequencies v_k, rad/s
+    settled: float  #: the constant s at which the input ends
 
 
 def step(length: float) -> Shape:
-    """From 0 to 1 within ``length`` s, along a raised cosine."""
+    """Return a step from 0 to 1 within ``length`` s, along a raised cosine."""
     return Shape((0.5, -0.5, 0.0), (0.0, np.pi / length, 0.0), 1.0)
 
 
 def blow(length: float) -> Shape:
-    """From 0 to 1 and back within ``length`` s; its integral is half the length."""
+    """Return a blow from 0 to 1 and back within ``length`` s; its integral is half the length."""
     return Shape((0.5, -0.5, 0.0), (0.0, 2 * np.pi / length, 0.0), 0.0)
 
 
 def burst(length: float, hz: float) -> Shape:
-    """sin(2 pi hz t) under Hann's window."""
+    """Return sin(2 pi hz t) under Hann's window of ``length`` s."""
     v, slow = 2 * np.pi * hz, 2 * np.pi / length
     return Shape((-0.5j, 0.25j, 0.25j), (v, v + slow, v - slow), 0.0)
 
 
 class Input(NamedTuple):
-    """One input to all modes."""
+    """One input that acts on all modes."""
 
-    begin: float  #: s
-    length: float  #: s
+    begin: float  #: start t0, s
+    length: float  #: duration T, s
     shape: Shape
-    size: Array  #: (modes,) a
+    size: Array  #: (modes,) the size a in each mode: rad or m
 
 
 class Modes:
-    """The responses of a batch of like oscillators, each to its own inputs.
+    """The responses of a batch of equal oscillators, each to inputs of its own.
 
     Args:
         hz: undamped frequencies, (modes,).
-        damping: zeta of each, below 1.
+        damping: damping ratios zeta, (modes,), below 1.
     """
 
     def __init__(self, hz: Sequence[float], damping: Sequence[float]) -> None:
@@ -74,7 +83,7 @@ class Modes:
         self.root = -self._decay + 1j * self._swing  #: L, (modes,)
 
     def drive(self, inputs: Sequence[Sequence[Input]]) -> None:
-        """Begin anew, at rest: the inputs of each oscillator of the batch."""
+        """Begin at rest, with these inputs for each oscillator of the batch."""
         flat = [one for row in inputs for one in row]
         self._rows = len(inputs)
         self._row = np.repeat(np.arange(len(inputs)), [len(row) for row in inputs])
@@ -95,11 +104,11 @@ class Modes:
         self._last = self._free(q, ((p * swung).sum(axis=1) + self.root * last).real)
 
     def _free(self, q: Array, rate: Array) -> Complex:
-        """h of the free oscillation with this deflection and rate at time 0: Re h = q, Re(L h) = q'."""
+        """Return h of the free oscillation that has this deflection and rate at time 0: Re h = q, Re(L h) = q'."""
         return q - 1j * (rate + self._decay * q) / self._swing
 
     def response(self, t: Array, rows: slice = slice(None)) -> Array:
-        """Deflection, rate and acceleration of these rows at ascending times t, components in front: (3, modes, rows, len(t))."""
+        """Return deflection, rate and acceleration of these rows at ascending times ``t``: (3, modes, rows, len(t))."""
         begin, end, _ = rows.indices(self._rows)
         out = np.empty((3, len(self.omega), end - begin, len(t)))
         borders = [0, *(np.flatnonzero(np.diff(t // SPAN_S)) + 1), len(t)]
@@ -108,7 +117,7 @@ class Modes:
         return out
 
     def _span(self, t: Array, begin: int, out: Array) -> None:
-        """The response of the rows from ``begin`` on into ``out`` (3, modes, rows, len(t))."""
+        """Write the response of the rows from ``begin`` on into ``out`` (3, modes, rows, len(t))."""
         rows, modes = out.shape[2], len(self.omega)
         here = (self._row >= begin) & (self._row < begin + rows)
         past, now = here & (self._end <= t[0]), here & (self._end > t[0]) & (self._begin < t[-1])
@@ -123,14 +132,14 @@ class Modes:
             self._add_under_way(now, t, swing, self._row[now] - begin, out)
 
     def _since(self, h: Complex, at: Array, which: NDArray[np.bool_], t: float) -> Complex:
-        """Free oscillations h of the time ``at``, at time t: (inputs, modes)."""
+        """Carry the free oscillations h from their times ``at`` to the time t: (inputs, modes)."""
         moved: Complex = h[which] * np.exp(self.root * (t - at[which])[:, None])
         return moved
 
     def _add_under_way(
         self, which: NDArray[np.bool_], t: Array, swing: Complex, rows: NDArray[np.int64], out: Array
     ) -> None:
-        """Adds the responses to inputs that last at some of the times; ``rows`` is whose each of them is, ascending."""
+        """Add the responses to inputs that last at some of the times; ``rows`` names the row of each, ascending."""
         since = t - self._begin[which, None]
         over = since >= self._length[which, None]
         lasts = (since >= 0) & ~over
@@ -152,11 +161,11 @@ class Modes:
 
 
 def _powers(p: Complex, x: Complex) -> Complex:
-    """x, p x, p^2 x on a new first axis: the derivatives of x exp(p t) at t = 0."""
+    """Return x, p x, p^2 x on a new first axis: x exp(p t) and its derivatives at t = 0."""
     return np.stack([x, p * x, p * p * x])
 
 
 def _real(x: Complex, y: Complex, out: Array) -> None:
-    """Re(x y) into ``out``, in half the work."""
+    """Write Re(x y) into ``out``, with half the work of the complex product."""
     np.multiply(np.ascontiguousarray(x.real), np.ascontiguousarray(y.real), out=out)
     out -= np.ascontiguousarray(x.imag) * np.ascontiguousarray(y.imag)

@@ -1,15 +1,16 @@
 """The swaying base of 000 section 2.5.1: sinusoids in heading, pitch, roll and in the three velocities.
 
-The attitude of the base relative to its mean heading is the same in every run, and whatever differs between runs
-(mean heading, phases of the linear sway) enters rate and specific force linearly. So with g_k(t) the functions
-1, cos(w t), sin(w t) of the oscillators and C_0(t) the attitude about the mean heading, the increments of all runs are
+The attitude about the mean heading is the same in every run. What differs between runs, the mean heading and the phases
+of the linear sway, enters rate and specific force linearly. With g_k(t) the functions 1, cos(w t), sin(w t) of the
+oscillators, and C_0(t) the attitude about the mean heading, the increments of all runs are
 
     integral of C_0'(t) r(t) dt  =  sum over k of  [integral of C_0'(t) g_k(t) dt]  r_k(run),
 
-one small matrix product per run. The integrals are Gauss-Legendre and exact to rounding. With ``motion="random"`` the
-attitude differs too, and each run gets integrals of its own.
+one small matrix product per run. The integrals are Gauss-Legendre sums, exact to rounding. With ``random=True`` the
+attitude differs between runs, too, and each run gets integrals of its own.
 
-Coriolis with the base's own transport rate (omega_en x V, 2e-10 m/s^2) is left out of the specific force.
+The specific force omits the Coriolis term of the base's own transport rate, omega_en x V, which is 2e-10 m/s^2.
+See docs/mathematics/simulation.md#sway.
 """
 
 from __future__ import annotations
@@ -26,12 +27,12 @@ from sins_env.motion import Motion
 from sins_env.types import NavState, Site
 from sins_env.units import DEG, G0
 
-_SLOW = 12.0  # rad/s, beyond the sums of the sway's frequencies and their doubles
+_SLOW = 12.0  # rad/s, above the sums of the sway's frequencies and of their doubles
 
 
 @dataclass(frozen=True)
 class Oscillation:
-    """amplitude cos(2 pi t / period_s + phase)."""
+    """The sinusoid amplitude cos(2 pi t / period_s + phase)."""
 
     amplitude: float
     period_s: float
@@ -40,16 +41,16 @@ class Oscillation:
 
 @dataclass(frozen=True)
 class SwayMotion:
-    """Amplitudes in rad about the mean attitude, and in metres for the linear sway (its phases are drawn per run)."""
+    """A swaying motion: angles about the mean attitude in rad, and a linear sway whose phases are drawn per run."""
 
     heading: Oscillation
     pitch: Oscillation
     roll: Oscillation
-    sway_m: tuple[float, float, float]  #: E, N, U
-    sway_period_s: tuple[float, float, float]
+    sway_m: tuple[float, float, float]  #: amplitudes of the linear sway in the order E, N, U
+    sway_period_s: tuple[float, float, float]  #: its periods in the same order
 
 
-#: 000 section 2.5.1, docs/mathematics/simulation.md#sway
+#: The motion of 000 section 2.5.1. See docs/mathematics/simulation.md#sway.
 THESIS = SwayMotion(
     heading=Oscillation(5 * DEG, 7.0, math.pi / 4),
     pitch=Oscillation(7 * DEG, 5.0, math.pi / 4),
@@ -57,22 +58,29 @@ THESIS = SwayMotion(
     sway_m=(0.02, 0.03, 0.03),
     sway_period_s=(7.0, 6.0, 8.0),
 )
-#: a base that stands still
+#: A base that stands still.
 STILL = SwayMotion(Oscillation(0, 1), Oscillation(0, 1), Oscillation(0, 1), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
 
-VIBRATION_ACCEL = np.array([4.8, 3.8, 4.0]) * G0  #: m/s^2 E, N, U. (2.5.5)
-VIBRATION_HZ = np.array([300.0, 250.0, 400.0])
+VIBRATION_ACCEL = np.array([4.8, 3.8, 4.0]) * G0  #: amplitudes of 000 (2.5.5) in the order E, N, U, m/s^2
+VIBRATION_HZ = np.array([300.0, 250.0, 400.0])  #: frequencies of 000 (2.5.5) in the same order
 
-MOTIONS = ("thesis", "random")
+MOTIONS = ("thesis", "random")  #: allowed names of a motion
 
-_BLOCK = 1 << 20  #: values of g_k that exist at once, 8 MiB, and a few times as much around them
+_BLOCK = 1 << 20  #: values of g_k that exist at once: 8 MiB, with a few times as much around them
 
 
 class Sway:
-    """A batch of swaying bases. ``heading_deg`` None draws the mean heading over the circle per run.
+    """A batch of swaying bases.
 
-    ``motion="random"`` scales the amplitudes of each run by 0.5-1.5 and its periods by 0.7-1.4, and draws the phases of
-    the attitude as well.
+    Args:
+        site: place and earth model.
+        epoch_s: length of an epoch, s.
+        n_sub: IMU samples in an epoch.
+        motion: amplitudes, periods and phases of the sway.
+        heading_deg: mean heading of every run; None draws it over the circle in each run.
+        vibration: whether the vibration of 000 (2.5.5) is added.
+        random: whether each run scales the amplitudes by 0.5 to 1.5 and the periods by 0.7 to 1.4, and draws the phases
+            of the attitude as well.
     """
 
     def __init__(
@@ -95,7 +103,10 @@ class Sway:
         self._nodes, self._weights = np.polynomial.legendre.leggauss(_node_count(0.5 * epoch_s / n_sub, vibration))
 
     def reset(self, rngs: Sequence[np.random.Generator], heading: Array | None = None) -> NavState:
-        """One motion per generator; ``heading`` (runs,) rad: the mean of each, instead of ``heading_deg``."""
+        """Draw one motion per generator, and return the true states at t = 0, (runs, ...).
+
+        ``heading`` (runs,), rad, gives the mean headings and overrides ``heading_deg``.
+        """
         draws = np.stack([rng.random(22) for rng in rngs])  # one layout whatever the options: streams stay comparable
         runs = len(rngs)
         mean = 2 * np.pi * draws[:, 0] if self.heading_deg is None else np.full(runs, self.heading_deg * DEG)
@@ -126,6 +137,7 @@ class Sway:
         return NavState(*(part[:, 0] for part in state))
 
     def chunk(self, first_epoch: int, num_epochs: int) -> Motion:
+        """Return the motion in epochs first_epoch + 1 ... first_epoch + num_epochs."""
         edges = np.arange(first_epoch * self.n_sub, (first_epoch + num_epochs) * self.n_sub + 1, dtype=np.float64)
         edges *= self.epoch_s / self.n_sub
         shape = (len(self._heading), num_epochs, self.n_sub, 3)
@@ -144,13 +156,16 @@ class Sway:
         return Motion(dtheta.reshape(shape), dvel.reshape(shape), state, rate)
 
     def _increments(self, runs: slice, edges: Array) -> tuple[Array, Array]:
-        """Of these runs over each IMU sample: of angle and velocity, each (runs, samples * 3)."""
+        """Return the increments of angle and velocity of these runs in each IMU sample, each (runs, samples * 3)."""
         table, turning = self._integrals(runs, edges)
         increments = np.matmul(self._coefficients[runs], table)  # (runs, 2, samples * 3)
         return increments[:, 0] + turning, increments[:, 1]
 
     def _expand(self) -> Array:
-        """Coefficients of rate and specific force on the functions g_k, (runs, 2, 3 K), axes of the mean heading."""
+        """Return the coefficients of rate and specific force on the functions g_k, (runs, 2, 3 K).
+
+        Their axes are those of the mean heading.
+        """
         runs, J = self._phase.shape
         K = 1 + 2 * J
         speed, omega = np.broadcast_to(self._speed, (runs, J)), np.broadcast_to(self._omega, (runs, J))
@@ -169,7 +184,7 @@ class Sway:
         return np.stack([turn @ rate, turn @ force], axis=1).reshape(runs, 2, 3 * K)
 
     def _integrals(self, runs: slice, edges: Array) -> tuple[Array, Array]:
-        """Over each IMU sample: integrals of C_0' g_k, ([runs,] 3 K, samples * 3), and of omega_nb^b, ([runs,] samples * 3)."""
+        """Integrate C_0' g_k, ([runs,] 3 K, samples * 3), and omega_nb^b, ([runs,] samples * 3), over each IMU sample."""
         half = 0.5 * self.epoch_s / self.n_sub
         t = (edges[:-1] + half)[:, None] + half * self._nodes  # (samples, nodes)
         C, rate = self._turning(t, runs)
@@ -184,23 +199,26 @@ class Sway:
         return np.ascontiguousarray(table), turning
 
     def _of(self, runs: slice, part: Array) -> Array:
-        """The rows of these runs, where there is one per run."""
+        """Return the rows of these runs, or all of ``part`` if the runs share it."""
         return part[runs] if self.random else part
 
     def _turning(self, t: Array, runs: slice) -> tuple[Array, Array]:
-        """C_0 = C_b^n about the mean heading and omega_nb^b at times t: (..., *t.shape, 3, 3), (..., *t.shape, 3)."""
+        """Return C_0, which is C_b^n about the mean heading, and omega_nb^b at times ``t``.
+
+        Shapes are (..., *t.shape, 3, 3) and (..., *t.shape, 3).
+        """
         angles, rates = self._angles(t, runs)
         return attitude.to_dcm(attitude.from_euler(*np.moveaxis(angles, -1, 0))), attitude.body_rate(angles, rates)
 
     def _angles(self, t: Array, runs: slice = slice(None)) -> tuple[Array, Array]:
-        """Heading about its mean, pitch, roll and their rates, (..., *t.shape, 3)."""
+        """Return heading about its mean, pitch, roll, and then their rates, each (..., *t.shape, 3)."""
         turn = (self._of(runs, part) for part in self._turn)
         amplitude, omega, phase = (part.reshape(*part.shape[:-1], *(1,) * t.ndim, 3) for part in turn)
         argument = omega * t[..., None] + phase
         return amplitude * np.cos(argument), -amplitude * omega * np.sin(argument)
 
     def _states(self, t: Array) -> tuple[NavState, Array]:
-        """True states (runs, len(t), ...) and omega_eb^b."""
+        """Return the true states (runs, len(t), ...) and omega_eb^b."""
         runs = len(self._heading)
         angles, rates = self._angles(t)
         rate_nb = attitude.body_rate(angles, rates)
@@ -217,9 +235,9 @@ class Sway:
 
 
 def _node_count(half: float, vibration: bool) -> int:
-    """Gauss-Legendre nodes that integrate the fastest oscillation over a sample of 2 ``half`` s to rounding.
+    """Return how many Gauss-Legendre nodes integrate the fastest oscillation over a sample of 2 ``half`` s to rounding.
 
-    For exp(i k x) over (-1, 1) the error falls as (e k / 4n)^(2n); with too few nodes vibration would alias.
+    For exp(i k x) over (-1, 1) the error falls as (e k / 4n)^(2n). With too few nodes vibration would alias.
     """
     k = half * (_SLOW + 2 * np.pi * (float(VIBRATION_HZ.max()) if vibration else 0.0))
     nodes = 5
@@ -229,5 +247,5 @@ def _node_count(half: float, vibration: bool) -> int:
 
 
 def _interleave(a: Array, b: Array) -> Array:
-    """a0 b0 a1 b1 ... along the last axis."""
+    """Interleave two arrays along the last axis: a0 b0 a1 b1 ..."""
     return np.stack([a, b], axis=-1).reshape(*a.shape[:-1], 2 * a.shape[-1])

@@ -1,13 +1,14 @@
-"""A parked car on its suspension, disturbed by people: attitude, velocity and position of an IMU away from its axes.
+"""The true motion of an IMU in a parked car that people disturb.
 
-The car is a rigid body in five modes (:mod:`sins_env.trajectory.car` has the figures, measured on the recording), each
-answering its inputs in closed form (:mod:`sins_env.trajectory.suspension`). With C(t) the attitude, d(t) sideways and
-heave motion of the reference point and r the IMU's lever arm, all in the axes of the mean heading,
+The car is a rigid body with six modes, measured on a recording (:mod:`sins_env.trajectory.car`). Each mode answers its
+inputs in closed form (:mod:`sins_env.trajectory.suspension`). In the axes of the mean heading, C(t) is the attitude,
+d(t) the motion of the reference point and r the lever arm of the IMU. Position, velocity and specific force are
 
     p = d + C r        V = d' + C (w x r)        f^b = C'(d'' + 2 w_ie x V + g) + w' x r + w x (w x r)
 
-so a tilt and the velocity it gives the IMU belong together. Increments are integrals of the analytic w_ib^b and f^b by
-Gauss and Legendre, exact to 1e-9 of them. Coriolis with the base's own transport rate (2e-10 m/s^2) is left out, as in sway.
+so that a tilt and the velocity that it gives the IMU belong together. Increments are Gauss-Legendre integrals of the
+analytic w_ib^b and f^b, with a relative error of 1e-9. The specific force omits the Coriolis term of the base's own
+transport rate, 2e-10 m/s^2, like that of the swaying base. See docs/mathematics/simulation.md#parked-car.
 """
 
 from __future__ import annotations
@@ -26,16 +27,21 @@ from sins_env.trajectory.suspension import Input, Modes
 from sins_env.types import NavState, Site
 from sins_env.units import DEG
 
-_NODES = 2  #: of a sample of 10 ms, or of each 10 ms of a longer one; see the tests for what is left
-_BLOCK = 6_000  #: instants of all runs that exist at once
-PARKED_STD = 0.5 * DEG  #: of pitch and roll of the place
+#: Gauss-Legendre nodes in an IMU sample, or in each 10 ms of a longer one; tests measure the error that is left.
+_NODES = 2
+_BLOCK = 6_000  #: instants that exist at once, over all runs
+PARKED_STD = 0.5 * DEG  #: 1 sigma of the pitch and roll at which a car stands, rad
 
 
 class Vehicle:
     """A batch of parked cars.
 
     Args:
-        rate_per_min: of the events of a scene, Poisson in time.
+        site: place and earth model.
+        epoch_s: length of an epoch, s.
+        n_sub: IMU samples in an epoch.
+        duration_s: length of a run, s, over which the events of a scene are drawn.
+        rate_per_min: mean number of events per minute in a scene; they are Poisson in time.
     """
 
     def __init__(self, site: Site, epoch_s: float, n_sub: int, duration_s: float, rate_per_min: float) -> None:
@@ -58,18 +64,19 @@ class Vehicle:
         heading: Array | None = None,
         events: Sequence[str | Sequence[Event]] = (),
     ) -> NavState:
-        """Park one car per generator.
+        """Park one car per generator, and return the true states at t = 0, (runs, ...).
 
         Args:
-            heading: mean heading of each run, rad, (runs,); None: drawn over the circle.
-            events: of each run a scene's name, or a script; none: nothing happens.
+            rngs: one generator for each run.
+            heading: mean heading of each run, rad, (runs,); None draws it over the circle.
+            events: the name of a scene, or a script, for each run; empty if nothing happens.
         """
         draws = np.stack([np.append(rng.random(), rng.standard_normal(2)) for rng in rngs])
         heading = 2 * np.pi * draws[:, 0] if heading is None else heading
         self._parked = PARKED_STD * draws[:, 1:]  # pitch and roll
         c, s = np.cos(heading), np.sin(heading)
         zero, one = np.zeros_like(c), np.ones_like(c)
-        #: n into the axes of the mean heading
+        #: rotation from n into the axes of the mean heading
         self._turn = np.stack([c, -s, zero, s, c, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
         self._spin = self._turn @ self._rate_ie
         self._carry = self._turn @ self._transport @ self._turn.mT
@@ -84,6 +91,7 @@ class Vehicle:
         return car.scripted(events, rng)
 
     def chunk(self, first_epoch: int, num_epochs: int) -> Motion:
+        """Return the motion in epochs first_epoch + 1 ... first_epoch + num_epochs, in any order."""
         samples = np.arange(first_epoch * self.n_sub, (first_epoch + num_epochs) * self.n_sub)
         t = (samples[:, None] * (self.epoch_s / self.n_sub) + self._nodes).ravel()
         runs = len(self._heading)
@@ -112,7 +120,7 @@ class Vehicle:
         return _Instants(angles, sine, cosine, shift, C, rate, swung, shift[1] + _turned_back(C, swung))
 
     def _rate_and_force(self, at: _Instants, rows: slice) -> Array:
-        """omega_ib^b and f^b, (2, 3, rows, times)."""
+        """Return omega_ib^b and f^b, (2, 3, rows, times)."""
         spin, carry = (np.moveaxis(part[rows], 0, -1)[..., None] for part in (self._spin, self._carry))
         force = at.shift[2] + attitude.cross_planes(2 * spin, at.vel)
         force[2] += self._gravity
@@ -123,7 +131,7 @@ class Vehicle:
         return out
 
     def _states(self, t: Array) -> tuple[NavState, Array]:
-        """True states (runs, len(t), ...) and omega_eb^b."""
+        """Return the true states (runs, len(t), ...) and omega_eb^b."""
         at = self._instants(t)
         rest = attitude.to_dcm(attitude.from_euler(np.zeros(len(self._parked)), *self._parked.T)) @ self._lever[:, 0, 0]
         offset = at.shift[0] + _turned_back(at.C, self._lever) - rest.T[..., None]
@@ -136,30 +144,33 @@ class Vehicle:
 
 
 class _Instants(NamedTuple):
-    """The motion in the axes of the mean heading, components in front: (..., rows, times) are what NumPy is fast on."""
+    """The motion at some instants, in the axes of the mean heading.
 
-    angles: Array  #: (3, 3, ...) heading about its mean, pitch, roll; and their rates and accelerations
-    sine: Array  #: (3, ...) of pitch, roll, minus heading
-    cosine: Array  #: (3, ...)
-    shift: Array  #: (3, 3, ...) m, of the reference point, and its derivatives
-    C: Array  #: (3, 3, ...) these axes into the body
+    Components stand in front, because NumPy is fast along the long axes (..., rows, times).
+    """
+
+    angles: Array  #: (3, 3, ...) heading about its mean, pitch, roll; then their rates, then their accelerations
+    sine: Array  #: (3, ...) sines of pitch, roll, minus heading
+    cosine: Array  #: (3, ...) cosines of the same
+    shift: Array  #: (3, 3, ...) position of the reference point, m, and its first two derivatives
+    C: Array  #: (3, 3, ...) rotation from these axes into the body
     rate: Array  #: (3, ...) omega_nb^b
     swung: Array  #: (3, ...) omega_nb^b x lever arm
-    vel: Array  #: (3, ...) of the IMU
+    vel: Array  #: (3, ...) velocity of the IMU
 
 
 def _turned(C: Array, v: Array) -> Array:
-    """C v of (3, 3, ...) and (3, ...)."""
+    """Return C v of C (3, 3, ...) and v (3, ...)."""
     return np.add.reduce(C * v, axis=1)
 
 
 def _turned_back(C: Array, v: Array) -> Array:
-    """C' v."""
+    """Return C' v of the same shapes."""
     return np.add.reduce(C * v[:, None], axis=0)
 
 
 def _body_acceleration(at: _Instants) -> Array:
-    """The derivative of attitude.body_rate, (3, ...)."""
+    """Return the derivative of attitude.body_rate, (3, ...)."""
     (sp, sr), (cp, cr) = at.sine[:2], at.cosine[:2]
     dh, dp, dr = at.angles[1]
     out = np.stack(attitude.body_rate_planes(at.sine[:2], at.cosine[:2], at.angles[2]))
