@@ -3,11 +3,10 @@
 import ast
 import graphlib
 from collections import Counter
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "sins_env").rglob("*.py")) + sorted((ROOT / "solvers").rglob("*.py"))
 
 #: Layers from the bottom up; a module imports from its own layer or from those below.

@@ -1,4 +1,4 @@
-"""The filters by the names that users type. Registering a filter makes it tested (tests/test_zoo.py)."""
+"""The filters by the names that users type. Registering a filter makes it tested (tests/solvers/test_zoo.py)."""
 
 from __future__ import annotations
 

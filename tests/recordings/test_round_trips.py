@@ -2,18 +2,17 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from oracles import made
+from places import TESTS
 
 from sins_env.recordings import FORMATS, LAYOUTS, left_out, load, resample, save
 from sins_env.recordings.formats import psins as psins_files
 from sins_env.units import ARCSEC
 
-TESTS = Path(__file__).parents[1]
 ENDINGS = {name: one.ending for name, one in FORMATS.items()}
 GAPS = (slice(700, 710), slice(1500, 1501))
 CASES = {

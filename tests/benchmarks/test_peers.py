@@ -12,8 +12,8 @@ import filterpy
 import numpy as np
 import pyins
 import pytest
+from places import ROOT
 
-ROOT = Path(__file__).parents[1]
 RESULT = json.loads((ROOT / "benchmarks" / "peers.json").read_text())
 MODULES = [
     "environment",

@@ -4,16 +4,14 @@ import dataclasses
 import importlib
 import json
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from places import ROOT
 
 import solvers
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks import task as tasks
-
-ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from sins_env.cli.main import main
 from sins_env.evaluation import evaluate
@@ -16,7 +17,7 @@ from sins_env.evaluation.store.verify import compare_runs, verify
 from sins_env.evaluation.tasks import task as tasks
 
 PLUGIN = "evaluation.plugins:"
-BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "board.py"
+BENCHMARK = ROOT / "benchmarks" / "board.py"
 SECRET = 271828182845904523536028747135266249775724709
 
 
@@ -164,7 +165,7 @@ class Peeking:
 def test_a_secret_seed_stays_secret(short, monkeypatch, capsys):
     """In the file, on the screen, in errors: only the hash; even if the solver puts all it knows into its exception."""
     monkeypatch.setattr("sys.stdin", io.StringIO(f"{SECRET}\n"))
-    given = ["eval", "--task", "short-v0", "--solver", PLUGIN + "Noisy", "evaluation.test_verify:Peeking"]
+    given = ["eval", "--task", "short-v0", "--solver", PLUGIN + "Noisy", "evaluation.store.test_verify:Peeking"]
     assert main([*given, "--runs", "3", "--workers", "1", "--seed", "-"]) == 1
     monkeypatch.setattr("sys.stdin", io.StringIO(f"{SECRET}x\n"))
     assert main([*given, "--seed", "-"]) == 2

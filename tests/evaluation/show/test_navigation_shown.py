@@ -5,7 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from evaluation.test_navigation import CRITERIA, FLIGHT, errors_of, solver
+from evaluation.score.test_navigation import CRITERIA, FLIGHT, errors_of, solver
 
 from sins_env.cli.verbs.run import _spans
 from sins_env.evaluation import compare, evaluate

@@ -3,8 +3,8 @@
 import re
 
 import pytest
-from evaluation.browser import Browser
-from evaluation.test_report import file, page  # noqa: F401  fixtures
+from evaluation.report.browser import Browser
+from evaluation.report.test_report import file, page  # noqa: F401  fixtures
 
 PHONE, DESKTOP = 390, 1280
 #: Every figure, swatch and interval: its drawn size, and what its attributes say.

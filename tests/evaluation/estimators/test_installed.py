@@ -6,16 +6,15 @@ import shutil
 import subprocess
 import sys
 from importlib.metadata import EntryPoint
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from evaluation import plugins
+from places import ROOT
 
 from sins_env.cli.main import main
 from sins_env.evaluation.estimators import finding, version
 
-ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "examples" / "plugin_package"
 
 
@@ -64,7 +63,7 @@ def test_an_installed_package(command):
 
 def test_the_example_equals_the_tests_own_dead_reckoning():
     """Two codes written apart; the one sums the increments of an epoch. Without the earth they differ by 1.5e-3 rad."""
-    from evaluation.conftest import SHORT
+    from evaluation.short import SHORT
 
     from sins_env.evaluation import evaluate
 

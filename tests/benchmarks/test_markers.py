@@ -1,11 +1,11 @@
 """benchmarks/markers.py: text of scripts between markers in a document."""
 
 import runpy
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
-MARKERS = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "markers.py"))
+MARKERS = runpy.run_path(str(ROOT / "benchmarks" / "markers.py"))
 DOCUMENT = "# A\n<!-- b:begin -->\nold\n<!-- b:end -->\ntail\n"
 
 

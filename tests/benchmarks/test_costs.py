@@ -1,11 +1,11 @@
 """benchmarks/costs.py as users run it, on a few filters and for a moment."""
 
 import runpy
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
-COSTS = Path(__file__).parents[1] / "benchmarks" / "costs.py"
+COSTS = ROOT / "benchmarks" / "costs.py"
 
 
 @pytest.fixture(scope="module")

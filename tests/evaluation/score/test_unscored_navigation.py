@@ -7,7 +7,7 @@ import json
 
 import numpy as np
 import pytest
-from evaluation.test_track import drive
+from evaluation.replay.test_track import drive
 
 from sins_env import recordings
 from sins_env.evaluation import compare, evaluate
@@ -16,7 +16,7 @@ from sins_env.evaluation.show import error_figure, plain_tables
 from sins_env.evaluation.tasks import task as tasks
 from sins_env.evaluation.tasks.task import EvaluationTask
 
-SOLVER = "evaluation.test_track:Driven"
+SOLVER = "evaluation.replay.test_track:Driven"
 
 
 def record(path, **left_out):

@@ -8,9 +8,9 @@ import sqlite3
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
 import sins_env
 from sins_env.cli.describe import listing
@@ -18,7 +18,6 @@ from sins_env.evaluation.estimators import finding, version
 from sins_env.evaluation.tasks import task as tasks
 from sins_env.types import Observation
 
-ROOT = Path(__file__).resolve().parents[2]
 PLUGIN = "evaluation.plugins:"
 GOOD = PLUGIN + "DeadReckoning"
 SLOW = PLUGIN + "Slow"
@@ -32,7 +31,7 @@ def _here(tmp_path, monkeypatch):
 
 _COMMAND = """
 import sys
-from evaluation.conftest import SHORT
+from evaluation.short import SHORT
 from sins_env.evaluation import tasks
 from sins_env.cli.main import main
 tasks.TASKS[SHORT.name] = SHORT
