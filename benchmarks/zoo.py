@@ -11,11 +11,11 @@ from solvers import filters
 LONGEST = 158  #: characters of an idea; what would be longer keeps the solver's title alone
 
 AFTER = ("Shapes:", "Departures:", "One run at a time")  #: what follows the sources in a docstring
-#: Of the sources: titles, remarks, and notes of this project that its readers do not have.
+#: What a table leaves out of the sources: titles, remarks, and pages of this repository.
 UNSHOWN = (
     r', "[^"]{15,}"',
     r", (?:which|with) [^;]*",
-    r"(?:,|;| as reconstructed in)? ?\w+\.md [^;]*",
+    r"(?:[,;]| as reconstructed in)? ?docs/\S+\.md#[\w-]+(?: \([^)]*\))?",
     r"; (?:E\.\d|errata)[^;]*",
     r"equations in ",
 )
