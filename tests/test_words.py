@@ -21,7 +21,6 @@ UNFINISHED = (
     "sins_env/recordings/",
     "sins_env/specs.py",
     "sins_env/types.py",
-    "sins_env/worlds/",
     "solvers/",
 )
 

@@ -1,6 +1,6 @@
 """The world of an episode: a motion with its sensors, or a recording.
 
-An environment's keyword arguments come in; the public ``Task``, and for each epoch increments, fix and truth, go out.
-Read ``world``, ``settings``, ``simulated``, ``sway``, ``vehicle``,
-``profiles``, ``flight``, ``replay_settings``, ``windows``, ``replay``.
+The keyword arguments of an environment come in. The public ``Task`` goes out, and for each epoch increments, fix and
+truth. Read ``limits``, ``world``; then ``settings``, ``simulated``, ``sway``, ``vehicle``; then ``profiles``, ``flight``;
+then ``replay_settings``, ``windows``, ``replay``.
 """

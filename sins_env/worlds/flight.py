@@ -1,4 +1,4 @@
-"""``SINS/NavFlight-v0``: an INS and a GPS receiver in flight, from a told start with stated errors, or from rest."""
+"""An INS with a GPS receiver in flight: the keyword arguments of ``SINS/NavFlight-v0``, and its world."""
 
 from __future__ import annotations
 
@@ -30,24 +30,28 @@ from sins_env.worlds.simulated import SimulatedWorld
 from sins_env.worlds.world import told_start
 
 ENV_ID = "SINS/NavFlight-v0"
-ERRORS = ("drawn", "fixed")
+ERRORS = ("drawn", "fixed")  #: allowed values of ``errors``
 
 
 @dataclass(frozen=True)
 class FlightSettings(Timed):
-    """Settings of ``SINS/NavFlight-v0``; JSON-able values only.
+    """Settings of ``SINS/NavFlight-v0``. Values are those that JSON can hold; None leaves what the profile says.
 
-    ``profile``: a flight of the source documents by name (``sun2012``, ``sun2012-fixed``, ``sun2012-physical``,
-    ``lu-gauss``, ``lu-mixture``, ``zhao2010``, ``hotstart30``, ``hotstart60``, ``hotstart90``), or one's own: a dict of
-    the fields of FlightPlan, or the path of a YAML or JSON file with them, flown with the sensors of ``sun2012``.
-    ``duration`` s cuts it short, and includes ``coarse`` s.
+    ``profile`` names a flight: ``sun2012``, ``sun2012-fixed``, ``sun2012-physical``, ``lu-gauss``, ``lu-mixture``,
+    ``zhao2010``, ``hotstart30``, ``hotstart60`` or ``hotstart90``. A flight of one's own is a dict of the fields of
+    FlightPlan, or the path of a YAML or JSON file with them. It has the sensors of ``sun2012``.
 
-    None leaves what the profile says. ``imu``, ``gps``: a preset's name, or a dict of fields over the profile's own (or
-    over its ``preset``); an ``imu`` given has constant noise. ``attitude_std_deg`` (E, N, U), ``velocity_std_mps``,
-    ``position_std_m``: 1 sigma of the told start. ``errors``: "drawn", or "fixed" for misalignment and biases of + 1 sigma
-    in every run. ``misalignment_deg``: three fixed values. With a told start ``Task.site`` is no more than the region, whose
-    place the start tells with its error. ``start`` "unknown" needs a flight that stands still for
-    ``coarse`` s, by default for as long as it does.
+    ``duration``, s, ends the flight early. It includes the ``coarse`` phase, s.
+
+    ``imu`` and ``gps`` are the name of a preset, or a dict of fields that replace those of the profile or of the dict's
+    ``preset``. The noise of a given ``imu`` is constant.
+
+    ``attitude_std_deg`` (E, N, U), ``velocity_std_mps`` and ``position_std_m`` are 1 sigma of the told start. Its errors are
+    drawn; with ``errors`` "fixed" misalignment and biases are + 1 sigma in every run. ``misalignment_deg`` fixes the
+    misalignment, E, N, U.
+
+    With a told start ``Task.site`` is only the region; the start position, with its error, is in ``Task.start``. A ``start``
+    of "unknown" needs a flight that stands still for the coarse phase, which by default lasts for as long as it does.
 
     Raises:
         ValueError: any value out of its range, or values that do not fit together.
@@ -104,36 +108,39 @@ class FlightSettings(Timed):
 
     @cached_property
     def base(self) -> Profile:
+        """The profile, before the settings replace any of it."""
         return flight_profile(self.profile)
 
     @property
     def imu_true(self) -> ImuSpec:
+        """Errors of the true inertial sensors."""
         return self.base.imu if self.imu is None else imu_spec(self.imu, self.base.imu)
 
     @property
     def gps_true(self) -> GpsSpec:
+        """Errors of the true fixes."""
         return self.base.gps if self.gps is None else gps_spec(self.gps, self.base.gps)
 
     @property
     def script(self) -> Script:
-        """What the true sensors do that their spec does not tell."""
+        """Departures of the true sensors from their specification."""
         own = self.base.script if self.imu is None else None
         return replace(own or Script(), fixed_bias=self.errors == "fixed")
 
     @property
     def misalignment(self) -> tuple[float, ...] | None:
-        """Fixed degrees, None where it is drawn."""
+        """Misalignment in every run, E, N, U in degrees; None if it is drawn."""
         if self.misalignment_deg is None and self.errors == "fixed":
             return self.attitude_std_deg
         return self.misalignment_deg
 
     @property
     def gaussian_start(self) -> bool:
-        """Whether the errors of the start are drawn from the Gaussian of a matched prior."""
+        """Whether the errors of the told start are drawn from the Gaussian that a matched prior states."""
         return self.start == "told" and self.misalignment is None
 
     def task(self) -> Task:
-        """What the estimators are told; the start of an episode is filled in at its reset."""
+        """Return what estimators are told; the reset of an episode fills in its start."""
         imu, gps, site = self.imu_true, self.gps_true, self.base.plan.site
         if self.start == "told":
             site = region(site)
@@ -161,7 +168,10 @@ class FlightSettings(Timed):
 
 
 def region(site: Site) -> Site:
-    """The middle of the cell of 0.01 deg and 100 m: enough for the Earth's rate and gravity, and no told start without error."""
+    """Return the middle of the cell of 0.01 deg and 100 m in which the site lies.
+
+    This tells the Earth's rate and gravity well enough, and does not tell the start position without its error.
+    """
 
     def middle(value: float, size: float) -> float:
         return size * (math.floor(value / size + 1e-6) + 0.5)  # a border's last bit decides nothing
@@ -171,11 +181,11 @@ def region(site: Site) -> Site:
 
 
 def coarse_std_deg(imu: ImuSpec, site: Site, coarse_s: float) -> tuple[float, ...]:
-    """1 sigma E, N, U after coarse alignment at rest, the general allowance of ``COARSE_STD_DEG`` included.
+    """Return 1 sigma of the attitude after ``coarse_s`` s of coarse alignment at rest, E, N, U in degrees.
 
-    The accelerometer bias tilts the level. The heading is that of the Earth's rate, which gyro bias and angle random walk
-    blur, seen as the drift of gravity in inertial space, whose slope over ``coarse_s`` the velocity random walk blurs.
-    docs/mathematics/simulation.md#coarse-spread.
+    The level errs by accelerometer bias over gravity. The azimuth comes from the drift of gravity in inertial space. Gyro
+    bias and angle random walk disturb this drift, and velocity random walk its measured slope. ``COARSE_STD_DEG`` is
+    added in squares. See docs/mathematics/simulation.md#coarse-spread.
     """
     model = earth.get(site.earth)
     gravity = float(earth.gravity(model, site.latitude, site.height))
@@ -188,7 +198,7 @@ def coarse_std_deg(imu: ImuSpec, site: Site, coarse_s: float) -> tuple[float, ..
 
 
 class FlightWorld(SimulatedWorld):
-    """One flight, the same in every run; sensors and start differ."""
+    """A flight, the same in every run, with sensors and a start that differ."""
 
     def __init__(self, settings: FlightSettings) -> None:
         self.settings, self.task = settings, settings.task()

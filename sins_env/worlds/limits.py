@@ -1,4 +1,4 @@
-"""Largest values that an observation can hold; fixes beyond them are clipped."""
+"""Limits of the values in an observation; fixes beyond them are clipped."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ POS_HIGH = np.array([math.pi / 2, math.pi, MAX_HEIGHT])
 
 
 def clip_fix(vel: np.ndarray, pos: np.ndarray) -> None:
-    """Keep heavy-tailed fixes inside the space, in place."""
+    """Clip fixes (..., 3) to the observation space, in place; heavy tails may leave it."""
     np.clip(vel, -MAX_SPEED, MAX_SPEED, out=vel)
     np.clip(pos, POS_LOW, POS_HIGH, out=pos)

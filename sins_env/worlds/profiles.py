@@ -1,5 +1,7 @@
-"""The flights of the source documents, with their sensors, their fixes and the errors of their told starts.
-docs/mathematics/simulation.md#flight-profiles."""
+"""Flight profiles: the flights of the source documents, with their sensors, fixes and errors of the told start.
+
+See docs/mathematics/simulation.md#flight-profiles.
+"""
 
 from __future__ import annotations
 
@@ -19,24 +21,24 @@ from sins_env.trajectory.segments import Segment
 
 @dataclass(frozen=True)
 class Profile:
-    """A flight, the true sensors, and 1-sigma errors of the told start."""
+    """A flight with its true sensors and the 1-sigma errors of its told start."""
 
-    what: str
+    what: str  #: description in one line
     plan: FlightPlan
     imu: ImuSpec
     gps: GpsSpec
     attitude_std_deg: tuple[float, ...]
     velocity_std_mps: float
     position_std_m: float = 10.0
-    fixed: bool = False  #: misalignment and biases are + 1 sigma in every run; velocity and position are drawn
-    script: Script | None = None  #: how the true noise departs from the spec that is told
+    fixed: bool = False  #: whether misalignment and biases are + 1 sigma in every run; velocity and position are drawn
+    script: Script | None = None  #: departures of the true noise from the assumed one
 
 
 def _rows(*rows: tuple[float, ...]) -> tuple[Segment, ...]:
     return tuple(Segment.of(row) for row in rows)
 
 
-#: Durations in s, dV/dt in m/s^2, pitch, roll and heading rates (start, end) in deg/s; heading clockwise.
+#: A row holds duration in s, acceleration in m/s^2, then rates of pitch, roll and heading (start, end) in deg/s.
 _SUN2012 = FlightPlan(
     34.2,
     108.9,
@@ -92,8 +94,8 @@ _NOISY = ImuSpec(
     accel_bias_ug=10_000.0,
     vrw_ug_sqrt_hz=10_000.0 * math.sqrt(_SAMPLE_S),
 )
-#: 0.05 cos(0.1 t) deg/h about 0.01 deg/h, 10 sin(0.1 t) mg about 1 mg.
-#: docs/mathematics/simulation.md#flight-profiles, 002 example 3.
+#: Noise of 002 example 3: 0.05 cos(0.1 t) deg/h about 0.01 deg/h, and 10 sin(0.1 t) mg about 1 mg.
+#: See docs/mathematics/simulation.md#flight-profiles.
 _TIDES = Script(
     gyro_mean_deg_h=0.01,
     accel_mean_ug=1000.0,
@@ -155,7 +157,7 @@ PROFILES: dict[str, Profile] = {
 
 
 def flight_profile(given: Any) -> Profile:
-    """A profile by name; a flight of one's own (a dict, a file, a plan) with the sensors of ``sun2012``.
+    """Return a profile by name, or a flight of one's own (a dict, a file, a plan) with the sensors of ``sun2012``.
 
     Raises:
         ValueError: an unknown name, or an impossible flight.
@@ -170,7 +172,7 @@ def flight_profile(given: Any) -> Profile:
 
 
 def is_flight(name: str) -> bool:
-    """Whether this names a profile or a file of a flight; a JSON file is one if it has segments."""
+    """Return whether this names a profile or a file with a flight; a JSON file has one if it has segments."""
     path = Path(name)
     if name in PROFILES or path.suffix.lower() in (".yaml", ".yml"):
         return True

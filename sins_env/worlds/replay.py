@@ -1,9 +1,9 @@
-"""``SINS/Replay-v0``: a real recording, delivered epoch by epoch like a simulation.
+"""The world of ``SINS/Replay-v0``: a real recording, delivered epoch by epoch like a simulation.
 
-A window of the recording is one episode, whose time begins at 0. With a ``stride`` there are as many windows
-as fit, window i beginning ``i * stride`` seconds after the first. ``reset(options={"window": i})`` picks one;
-without it each run's seed draws one. In the vector environment the option is a list with one index per row,
-or one index for the first row, the others following on.
+A window of the recording is one episode, whose time begins at 0. With a ``stride`` there are as many windows as fit;
+window i begins ``i * stride`` seconds after the first. ``reset(options={"window": i})`` picks a window; without this
+option the seed of a run draws one. In the vector environment ``i`` is a list with an index for each row, or the index of
+the first row, which the others follow.
 """
 
 from __future__ import annotations
@@ -27,7 +27,12 @@ from sins_env.worlds.world import ChunkedWorld, pick_rows, picked, told_start
 
 
 class ReplayWorld(ChunkedWorld):
-    """Windows of one recording; all runs share it."""
+    """Windows of one recording, which all runs share.
+
+    Raises:
+        ValueError: a recording without what the settings need, or a window that does not fit it.
+        FileNotFoundError: no such recording.
+    """
 
     def __init__(self, settings: ReplaySettings) -> None:
         self.settings = settings
@@ -75,6 +80,7 @@ class ReplayWorld(ChunkedWorld):
         )
 
     def reset(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> tuple[NavState, NavState | None]:
+        """Begin one window per generator, and return the reference at t = 0 and the told states, if any."""
         given, windows = picked(options, "window"), self.windows.first_samples
         streams = [rng.spawn(2) for rng in rngs]  # window, start
         self._first_samples = windows[pick_rows("window", given, len(windows), [s[0] for s in streams])]
@@ -87,7 +93,7 @@ class ReplayWorld(ChunkedWorld):
         return truth, told_start(self.task, self.settings.misalignment_deg, truth, draws, pos)
 
     def _times(self, first: int, count: int) -> Array:
-        """Ends of epochs first ... first + count - 1 on the clock of the recording, (runs, count)."""
+        """Return the ends of epochs first ... first + count - 1 on the clock of the recording, s, (runs, count)."""
         samples = self._first_samples[:, None] + np.arange(first, first + count) * self.n_sub
         return self.recording.t0 + samples / self.recording.rate_hz
 
@@ -109,7 +115,7 @@ class ReplayWorld(ChunkedWorld):
         return gnss.vel[i] * valid, gnss.pos[i] * valid, valid.astype(np.int8)
 
     def truth_at(self, k: int) -> NavState:
-        """The reference at the end of epoch k, (runs, ...), in any order."""
+        """Return the reference at the end of epoch k, (runs, ...); epochs may be asked for in any order."""
         return NavState(*(part[:, 0] for part in self._truth(self._times(k, 1))))
 
     def _truth(self, times: Array) -> NavState:

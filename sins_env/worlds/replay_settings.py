@@ -1,4 +1,4 @@
-"""Keyword arguments of ``SINS/Replay-v0``, and what the estimators are told of its fixes."""
+"""Keyword arguments of ``SINS/Replay-v0``, and the assumed noise of its fixes."""
 
 from __future__ import annotations
 
@@ -17,26 +17,32 @@ from sins_env.sensors.gps import ZERO_VELOCITY
 from sins_env.specs import GPS_PRESETS, GpsSpec, gps_spec
 from sins_env.worlds.settings import STARTS, check_coarse, check_epoch, check_misalignment
 
-MODES = ("align", "navigate")
-#: Default of ``coarse``, s: cars stand longer where aligning is all they are there for.
+MODES = ("align", "navigate")  #: allowed values of ``mode``
+#: Default of ``coarse``, s. A recording made for an alignment stands still longer.
 COARSE_S = {"align": 90.0, "navigate": 60.0}
 
 
 @dataclass(frozen=True)
 class ReplaySettings:
-    """Settings of ``SINS/Replay-v0``; JSON-able values only.
+    """Settings of ``SINS/Replay-v0``. Values are those that JSON can hold.
 
-    ``recording``: a path, sought as given and then in $SINS_ENV_DATA. ``window``: (start, length) in s on the
-    recording's clock, None for all of it; it begins at the sample edge nearest to ``start``. ``duration`` s alone
-    is a window of that length from the recording's first epoch on. ``stride``: s.
-    ``n_sub`` None is what epoch and sample rate give. ``mode="navigate"`` asks for attitude, velocity and position of
-    the IMU, "align" for attitude alone. ``coarse`` None is 90 s, 60 s to navigate, or 0 for a told start.
+    ``recording`` is a path, sought as it is given and then in $SINS_ENV_DATA.
 
-    ``imu`` and ``gps`` are what the estimators are told: a preset's name or a dict of fields. Fixes are told as the
-    preset "dgps" unless another is given: their scatter is less within a minute, but wanders over minutes. Rate and
-    lever arm are the recording's own; ``outages_s``, in s of the window, withholds its fixes. Without GNSS the fix is a
-    zero-velocity update at the known site, by default 0.03 m/s at every epoch (a dict's ``rate_hz`` thins it).
-    ``start="told"`` needs a reference; ``misalignment_deg`` is that of AlignSettings.
+    ``window`` is (start, length) in s on the clock of the recording, and begins at the sample edge nearest to the start.
+    None takes all of it. ``duration``, s, without a window takes this length from the first epoch on. ``stride``, s, makes
+    windows that begin at these intervals.
+
+    ``n_sub`` None follows from the epoch and the sample rate. ``mode`` "navigate" asks for attitude, velocity and position
+    of the IMU, "align" for attitude alone. ``coarse`` None is 90 s to align, 60 s to navigate, or 0 for a told start.
+
+    ``imu`` and ``gps`` are the assumed errors of the sensors: the name of a preset or a dict of fields. Fixes have by
+    default those of the preset "dgps", because real fixes scatter less within a minute but wander over minutes. Rate and
+    lever arm are the recording's own. ``outages_s``, in s of the window, withholds fixes.
+
+    A recording without GNSS has zero-velocity updates at the known site, by default with 0.03 m/s at every epoch. The
+    ``rate_hz`` of a ``gps`` dict makes them rarer.
+
+    ``start`` "told" needs a reference. ``misalignment_deg`` fixes the misalignment of a told start, E, N, U; None draws it.
 
     Raises:
         ValueError: any value out of its range.
@@ -79,10 +85,10 @@ class ReplaySettings:
             checks.number("stride", self.stride, "a positive number of seconds, or None", above=0.0)
 
     def samples_per_epoch(self, rate_hz: float) -> int:
-        """n_sub at this sample rate.
+        """Return the number of samples in an epoch at this sample rate.
 
         Raises:
-            ValueError: epochs that are not whole samples, an ``n_sub`` that does not fit; with one that does.
+            ValueError: epochs that are not whole samples, or an ``n_sub`` that does not fit; the error offers one that does.
         """
         samples = self.epoch * rate_hz
         whole = max(round(samples), 1)
@@ -97,10 +103,10 @@ class ReplaySettings:
         return whole
 
     def fixes(self, recording: Recording) -> GpsSpec:
-        """The fixes: what the estimators are told of them, and the outages.
+        """Return the assumed noise of the fixes, with their rate, lever arm and outages.
 
         Raises:
-            ValueError: a setting that only a simulation can grant, or a rate that is not the recording's.
+            ValueError: a setting that only a simulation can have, or a rate that is not the recording's.
         """
         gnss = recording.gnss
         if gnss is None:

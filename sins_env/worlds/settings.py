@@ -1,4 +1,4 @@
-"""Keyword arguments of the alignment environments: checked once, here, with one clear error each."""
+"""Keyword arguments of the simulated alignment environments. They are checked here, once, each with one clear error."""
 
 from __future__ import annotations
 
@@ -16,38 +16,44 @@ from sins_env.specs import GpsSpec, ImuSpec, gps_spec, imu_spec
 from sins_env.types import Site, Task
 from sins_env.units import DEG
 
-STARTS = ("unknown", "told")
-LONGITUDE_DEG = 116.3  #: Beijing, assumed for 000 (docs/mathematics/simulation.md#presets)
+STARTS = ("unknown", "told")  #: allowed values of ``start``
+LONGITUDE_DEG = 116.3  #: Beijing, an assumption, for 000 names no place; see docs/mathematics/simulation.md#presets
 
 
 class Timed:
-    """Settings whose ``duration`` and ``coarse`` may be given as None; checked, they are numbers."""
+    """Settings whose ``duration`` and ``coarse`` may be given as None, and are numbers after the check."""
 
     duration: float | None
     coarse: float | None
 
     @property
     def duration_s(self) -> float:
+        """Length of an episode, s, with the coarse phase."""
         assert self.duration is not None
         return self.duration
 
     @property
     def coarse_s(self) -> float:
+        """Length of the coarse phase, s."""
         assert self.coarse is not None
         return self.coarse
 
 
 @dataclass(frozen=True)
 class SimulationSettings(Timed):
-    """What the simulated bases share; JSON-able values only.
+    """Settings that all simulated bases share. Values are those that JSON can hold.
 
-    ``duration`` s includes ``coarse`` s. None: coarse is 120 s (a car 90 s) for an unknown start and 0 for a told one, the
-    fine phase lasts 360 s (a car 210 s). ``imu``, ``gps``: a preset's name or a dict of fields. ``misalignment_deg``: three
-    fixed values, or None for a draw from the prior. ``any_heading`` draws the told heading over the circle, and tells so.
+    ``duration``, s, includes the ``coarse`` phase, s. A ``coarse`` of None is 120 s (a car 90 s) for an unknown start and
+    0 for a told one. A ``duration`` of None leaves 360 s (a car 210 s) for the fine phase.
 
-    ``heading_deg`` None draws the mean heading over the circle per run; a list of headings makes as many records, of which
-    ``reset(options={"record": i})`` picks one (without it each run's seed draws one; in the vector environment a list with
-    one index per row, or the index of the first row).
+    ``imu`` and ``gps`` are the name of a preset or a dict of fields.
+
+    ``misalignment_deg`` fixes the misalignment of a told start, E, N, U. None draws it from the prior. ``any_heading``
+    draws the told heading over the circle, and the prior says so.
+
+    ``heading_deg`` is the mean heading. None draws it over the circle in each run. A list of headings makes one record of
+    each, and ``reset(options={"record": i})`` picks a record; without this option the seed of a run draws one. In the vector
+    environment ``i`` is a list with an index for each row, or the index of the first row, which the others follow.
 
     Raises:
         ValueError: any value out of its range, or values that do not fit together.
@@ -95,30 +101,32 @@ class SimulationSettings(Timed):
 
     @property
     def records(self) -> int:
-        """How many there are; 0: runs are drawn."""
+        """Number of records; 0 if ``heading_deg`` is no list."""
         return len(self.heading_deg) if isinstance(self.heading_deg, tuple) else 0
 
     def headings(self, records: NDArray[np.int64] | None, runs: int) -> NDArray[np.float64] | None:
-        """The mean heading of the runs that play these records, rad (runs,); None: to be drawn."""
+        """Return the mean heading of runs that play these records, rad, (runs,); None if it is to be drawn."""
         if self.heading_deg is None:
             return None
         return np.broadcast_to(DEG * np.asarray(self.heading_deg)[... if records is None else records], (runs,))
 
     @property
     def imu_true(self) -> ImuSpec:
+        """Errors of the true inertial sensors."""
         return imu_spec(self.imu)
 
     @property
     def gps_true(self) -> GpsSpec:
+        """Errors of the true fixes."""
         return gps_spec(self.gps)
 
     @property
     def gaussian_start(self) -> bool:
-        """Whether the errors of the start are drawn from the Gaussian of a matched prior."""
+        """Whether the errors of the told start are drawn from the Gaussian that a matched prior states."""
         return self.start == "told" and self.misalignment_deg is None and not self.any_heading
 
     def task(self, env_id: str) -> Task:
-        """What the estimators are told; the start of an episode is filled in at its reset."""
+        """Return what estimators are told; the reset of an episode fills in its start."""
         spread = TOLD_START_STD_DEG if self.start == "told" else COARSE_STD_DEG
         if self.any_heading:
             spread = (*spread[:2], ANY_HEADING_STD_DEG)
@@ -137,7 +145,7 @@ class SimulationSettings(Timed):
 
 
 def check_heading(given: Any) -> float | tuple[float, ...] | None:
-    """Degrees, degrees by record, or None."""
+    """Check ``heading_deg``: an angle in degrees, a list with one for each record, or None."""
     allowed = "a finite angle in degrees, a list of them, or None"
     if given is None:
         return None
@@ -147,17 +155,17 @@ def check_heading(given: Any) -> float | tuple[float, ...] | None:
 
 
 def check_epoch(given: Any) -> float:
-    """Seconds."""
+    """Check the length of an epoch, a positive number of seconds."""
     return checks.number("epoch", given, "a positive number of seconds", above=0.0)
 
 
 def check_samples(given: Any) -> int:
-    """IMU samples per epoch."""
+    """Check the number of IMU samples per epoch."""
     return checks.whole("n_sub", given, "a whole number of IMU samples per epoch, at least 1", least=1)
 
 
 def check_coarse(given: Any, start: str, default: float) -> float:
-    """Seconds of coarse alignment: ``default`` of them for an unknown start, 0 for a told one.
+    """Check the length of the coarse phase, s. None becomes ``default`` for an unknown start, and 0 for a told one.
 
     Raises:
         ValueError: an unknown start without a coarse phase, or a told one with it.
@@ -173,10 +181,10 @@ def check_coarse(given: Any, start: str, default: float) -> float:
 
 
 def check_misalignment(given: Any, start: str) -> tuple[float, ...] | None:
-    """Three finite angles in degrees, or None.
+    """Check ``misalignment_deg``: three finite angles E, N, U in degrees, or None.
 
     Raises:
-        ValueError: anything else, or a misalignment where the start is unknown.
+        ValueError: anything else, or a misalignment with an unknown start.
     """
     if given is None:
         return None
@@ -186,10 +194,10 @@ def check_misalignment(given: Any, start: str) -> tuple[float, ...] | None:
 
 
 def check_timing(epoch: float, duration: float, coarse: float, name: str = "duration") -> None:
-    """Epochs must fill the duration and the coarse phase; an episode has at least three.
+    """Check that duration and coarse phase are whole numbers of epochs, with at least three epochs in an episode.
 
     Raises:
-        ValueError: what does not fit, and the nearest value that does.
+        ValueError: a length that does not fit; the error offers the nearest one that does.
     """
     for kind, value, least in ((name, duration, 3), ("coarse", coarse, 0)):
         count = value / epoch

@@ -21,15 +21,16 @@ from sins_env.worlds.world import ChunkedWorld, pick_rows, picked, told_start
 
 
 class SimulatedWorld(ChunkedWorld):
-    """An exact motion, and the errors of the sensors on it."""
+    """A world of an exact motion, with the errors of the sensors on it."""
 
     scored = True
-    settings: Any  #: with ``start`` and ``gaussian_start``
+    settings: Any  #: settings with ``start`` and ``gaussian_start``
     trajectory: Trajectory
     imu: Imu
     gps: Gps | ZeroVelocity
 
     def reset(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> tuple[NavState, NavState | None]:
+        """Begin one run per generator, and return the true states at t = 0 and the told ones, if any."""
         streams = [rng.spawn(11) for rng in rngs]  # start, motion, 6 IMU, 3 GPS: one stream each, in this order
         truth = self._begin([s[1] for s in streams], options)
         self.imu.reset([s[2:8] for s in streams])
@@ -38,14 +39,14 @@ class SimulatedWorld(ChunkedWorld):
         return truth, self._told(truth, standard_normal([s[0] for s in streams], (9,)))
 
     def _begin(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> NavState:
-        """Draw the motions; the true states at t = 0."""
+        """Draw the motions, and return the true states at t = 0."""
         if options:
             raise checks.refused("reset options", options, "none in this environment")
         return self.trajectory.reset(rngs)
 
     @abstractmethod
     def _told(self, truth: NavState, draws: Array) -> NavState | None:
-        """The start that the task tells, None if it tells none; ``draws`` (runs, 9) are normals."""
+        """Return the start that the task tells, or None for an unknown start; ``draws`` (runs, 9) are standard normal."""
 
     def _chunk(self, first: int, count: int) -> tuple[tuple[Any, ...], NavState]:
         motion = self.trajectory.chunk(first, count)
@@ -55,7 +56,7 @@ class SimulatedWorld(ChunkedWorld):
 
 
 class BaseWorld(SimulatedWorld):
-    """A simulated base at its site, with the sensors and the start of the settings. With records each run is one of them."""
+    """A simulated base at its site, with the sensors and the start of its settings. With records, each run plays one."""
 
     settings: SimulationSettings
 
@@ -64,7 +65,7 @@ class BaseWorld(SimulatedWorld):
         self.imu = Imu(settings.imu_true, self.task.epoch_s / self.task.n_sub)
 
     def _records(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> NDArray[np.int64] | None:
-        """Which record each run plays; None where there are none."""
+        """Return which record each run plays, or None if there are no records."""
         given, count = picked(options, "record"), self.settings.records
         if count:
             return pick_rows("record", given, count, [rng.spawn(1)[0] for rng in rngs])

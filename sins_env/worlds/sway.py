@@ -1,4 +1,4 @@
-"""A swaying or still base: the keyword arguments of its environments, and its world."""
+"""A base that sways or stands still: the keyword arguments of its environments, and its world."""
 
 from __future__ import annotations
 
@@ -19,7 +19,14 @@ from sins_env.worlds.simulated import BaseWorld
 
 @dataclass(frozen=True)
 class AlignSettings(SimulationSettings):
-    """Settings of ``SINS/AlignSway-v0`` and ``SINS/AlignStatic-v0``: those of every simulation, and these two."""
+    """Settings of ``SINS/AlignSway-v0`` and ``SINS/AlignStatic-v0``: these two, and those of all simulated bases.
+
+    ``vibration`` adds the vibration of 000 (2.5.5). ``motion`` is "thesis", or "random" for amplitudes, periods and phases
+    that each run draws.
+
+    Raises:
+        ValueError: any value out of its range, or values that do not fit together.
+    """
 
     vibration: bool = False
     motion: str = "thesis"
@@ -31,7 +38,7 @@ class AlignSettings(SimulationSettings):
 
 
 class SwayWorld(BaseWorld):
-    """A base that sways, or stands still."""
+    """A base that sways or stands still."""
 
     gps: Gps
 

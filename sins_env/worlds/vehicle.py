@@ -1,4 +1,4 @@
-"""``SINS/AlignVehicle-v0``: a parked car that people disturb, simulated. Its settings, its world, its environments."""
+"""A simulated parked car that people disturb: the keyword arguments of ``SINS/AlignVehicle-v0``, and its world."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from sins_env.types import NavState
 from sins_env.worlds.settings import SimulationSettings
 from sins_env.worlds.simulated import BaseWorld
 
-ZERO_VELOCITY_FIELDS = ("vel_std_mps", "pos_std_m", "rate_hz")
+ZERO_VELOCITY_FIELDS = ("vel_std_mps", "pos_std_m", "rate_hz")  #: fields of ``gps`` that zero-velocity updates know
 
 
 @dataclass(frozen=True)
 class VehicleSettings(SimulationSettings):
-    """Settings of ``SINS/AlignVehicle-v0``: those of every simulation, with other defaults, and what happens to the car.
+    """Settings of ``SINS/AlignVehicle-v0``: the events at the car, and those of all simulated bases with other defaults.
 
-    ``events``: the name of a scene ("quiet", "doors", "rocking", "people", "mixed"), whose events are Poisson in time,
-    ``event_rate_per_min`` of them; a list of names, one for each heading of a list (these are the records); or a script, a
-    list of dicts such as {"t": 30, "kind": "in", "seat": "rear-left", "scale": 1.2} (:class:`sins_env.trajectory.car.Event`).
-    An empty script is a quiet car.
+    ``events`` is the name of a scene: "quiet", "doors", "rocking", "people" or "mixed". Its events are Poisson in time, on
+    average ``event_rate_per_min`` of them. A list of names gives one scene to each heading of a list, that is, to each
+    record. A script instead is a list of dicts such as {"t": 30, "kind": "in", "seat": "rear-left", "scale": 1.2}, see
+    :class:`sins_env.trajectory.car.Event`. An empty script is a quiet car.
 
-    ``gps`` None: no receiver but zero-velocity updates at the known site at every epoch, told as 0.03 m/s and 1 m,
-    whatever the car does; a dict of ``vel_std_mps``, ``pos_std_m``, ``rate_hz`` tells otherwise. A preset's name, or a dict
-    with a ``preset``, is a real receiver.
+    ``gps`` None has no receiver. Zero-velocity updates at the known site come at every epoch, with an assumed noise of
+    0.03 m/s and 1 m whatever the car does. A dict of ``vel_std_mps``, ``pos_std_m`` and ``rate_hz`` assumes another one.
+    The name of a preset, or a dict with a ``preset``, is a real receiver.
 
     Raises:
         ValueError: any value out of its range, or values that do not fit together.
@@ -62,11 +62,12 @@ class VehicleSettings(SimulationSettings):
 
     @property
     def has_receiver(self) -> bool:
+        """Whether there is a GPS receiver instead of zero-velocity updates."""
         return not (self.gps is None or (isinstance(self.gps, Mapping) and "preset" not in self.gps))
 
     @property
     def gps_true(self) -> GpsSpec:
-        """Of a receiver; without one what is told of the zero-velocity updates."""
+        """Errors of the true fixes of a receiver, or without one the assumed noise of the zero-velocity updates."""
         if self.has_receiver:
             return gps_spec(self.gps)
         given = dict(self.gps or {})
@@ -76,7 +77,11 @@ class VehicleSettings(SimulationSettings):
 
 
 def check_events(given: Any) -> str | tuple[str, ...] | tuple[Event, ...]:
-    """A scene's name, names by record, or a script in the order of time."""
+    """Check ``events``: a scene, a list with one for each record, or a script, which is returned in the order of time.
+
+    Raises:
+        ValueError: an unknown scene, or an event that is none.
+    """
     values = checks.items(given)
     if isinstance(given, str):
         return checks.choice("events", given, SCENES)
@@ -90,7 +95,7 @@ def check_events(given: Any) -> str | tuple[str, ...] | tuple[Event, ...]:
 
 
 class VehicleWorld(BaseWorld):
-    """A parked car."""
+    """A parked car with an IMU, and a receiver or zero-velocity updates."""
 
     def __init__(self, settings: VehicleSettings) -> None:
         super().__init__("SINS/AlignVehicle-v0", settings)
@@ -113,5 +118,5 @@ class VehicleWorld(BaseWorld):
         return self.trajectory.reset(rngs, settings.headings(records, len(rngs)), events)
 
     def truth_at(self, k: int) -> NavState:
-        """The true states at the end of epoch k, (runs, ...), in any order."""
+        """Return the true states at the end of epoch k, (runs, ...); epochs may be asked for in any order."""
         return NavState(*(part[:, 0] for part in self.trajectory.chunk(k - 1, 1).state))

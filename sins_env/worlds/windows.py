@@ -1,4 +1,4 @@
-"""Windows of a recording: where each begins, and that samples, fixes and reference are all there."""
+"""Windows of a recording: their starts, and checks that samples, fixes and reference are all there."""
 
 from __future__ import annotations
 
@@ -11,11 +11,17 @@ from sins_env.worlds.settings import check_timing
 
 
 class Windows:
-    """Equally long windows; ``first_samples`` (W,) is where they begin, ``starts`` (W,) the same in seconds.
+    """Windows of equal length. ``first_samples`` (W,) are their first samples, ``starts`` (W,) their starts in s.
 
-    ``window``: (start, length) of the first in s; None is all there is, or the first ``duration`` s of it.
-
-    ``told``: whether the reference must be there at the start itself, not only from the first epoch's end.
+    Args:
+        recording: the recording.
+        epoch_s: length of an epoch, s.
+        n_sub: IMU samples in an epoch.
+        coarse_s: length of the coarse phase, s.
+        window: (start, length) of the first window, s; None takes the whole recording.
+        duration: length of a window, s, if ``window`` is None; None takes the whole recording.
+        stride: time from one start to the next, s; None makes one window.
+        told: whether the reference must be there at the start itself, and not only from the end of the first epoch on.
 
     Raises:
         ValueError: a window outside recording or reference, over a gap, or with fixes between epochs.
@@ -56,7 +62,7 @@ class Windows:
         self._check_fixes()
 
     def _covered(self, told: bool) -> tuple[float, float]:
-        """The earliest start and the latest end, s."""
+        """Return the earliest start and the latest end of a window, s."""
         recording = self.recording
         ref = recording.reference
         if ref is None:
@@ -65,7 +71,10 @@ class Windows:
         return max(recording.t0, float(begin)), min(recording.end, float(ref.t_s[-1]))
 
     def _whole(self, begin: float, end: float) -> tuple[float, float]:
-        """All of it, from the first whole number of epochs on: before the first fix, or else on the recording's clock."""
+        """Return start and length of the longest window.
+
+        It begins a whole number of epochs from the first fix, or without fixes at a whole number of epochs on the clock.
+        """
         gnss, rate = self.recording.gnss, self.recording.rate_hz
         origin = 0.0 if gnss is None else round(float(gnss.t_s[0]) * rate) / rate
         start = origin + math.ceil((begin - origin - self.half_sample) / self.epoch_s) * self.epoch_s
@@ -97,7 +106,7 @@ class Windows:
                 raise ValueError(self._advice(start, t, t[bad[0]], off[bad[0]]))
 
     def _advice(self, start: float, t: np.ndarray, fix: float, off: float) -> str:
-        """The error, with the start and the epoch at which every fix would fit."""
+        """Return the text of the error, with a start or a length of epoch at which every fix would fit."""
         fits = []
         if np.all(np.abs(_off(t - off, self.epoch_s)) <= self.half_sample):
             fits.append(f"a window that begins at {start + off % self.epoch_s:g} s modulo {self.epoch_s:g} s")
@@ -114,5 +123,5 @@ class Windows:
 
 
 def _off(t: np.ndarray, epoch: float) -> np.ndarray:
-    """Seconds after the nearest end of an epoch."""
+    """Return how far each time lies after the nearest end of an epoch, s."""
     return t - np.rint(t / epoch) * epoch

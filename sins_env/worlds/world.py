@@ -1,4 +1,4 @@
-"""Worlds: where an episode's observations and truth come from. A batch of runs, epoch by epoch, in chunks."""
+"""Worlds: the source of an episode's observations and truth, for a batch of runs, epoch by epoch."""
 
 from __future__ import annotations
 
@@ -16,41 +16,48 @@ from sins_env.checks import unknown
 from sins_env.types import NavState, Task
 from sins_env.units import DEG
 
-CHUNK_SAMPLES = 300  #: IMU samples generated at once; bounds the memory whatever the duration, and fixes the bits
+#: IMU samples generated at once. It bounds the memory whatever the duration; another number changes the last bits.
+CHUNK_SAMPLES = 300
 
 
 class EpochData(NamedTuple):
-    """One epoch of every run: what is measured, and the truth at its end."""
+    """One epoch of every run: the measurements, and the true states at its end."""
 
-    dtheta: Array  #: (runs, n_sub, 3)
-    dvel: Array  #: (runs, n_sub, 3)
-    gps_vel: Array  #: (runs, 3)
-    gps_pos: Array  #: (runs, 3)
-    gps_valid: NDArray[np.int8]  #: (runs, 1)
+    dtheta: Array  #: (runs, n_sub, 3) angle increments, rad
+    dvel: Array  #: (runs, n_sub, 3) velocity increments, m/s
+    gps_vel: Array  #: (runs, 3) velocity E, N, U of the fix, m/s; zeros without a fix
+    gps_pos: Array  #: (runs, 3) latitude rad, longitude rad, height m of the fix; zeros without a fix
+    gps_valid: NDArray[np.int8]  #: (runs, 1) 1 with a fix, else 0
     truth: NavState
 
 
 class World(Protocol):
+    """The interface through which an environment sees its world."""
+
     task: Task
-    scored: bool  #: False where there is no reference to score against
+    scored: bool  #: whether there is a true state, or a reference, against which errors are taken
 
     def reset(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> tuple[NavState, NavState | None]:
-        """Begin one run per generator: the true state at t = 0, and the told one (None: unknown), (runs, ...)."""
+        """Begin one run per generator.
+
+        Returns the true states at t = 0 and the told ones, each (runs, ...). The told ones are None for an unknown start.
+        """
         ...
 
     def epoch(self, k: int) -> EpochData:
-        """Epoch k = 1 ... K; to be asked for in order."""
+        """Return epoch k; epochs 1 ... K are asked for in order."""
         ...
 
 
 class ChunkedWorld(ABC):
-    """Epochs one by one out of chunks, so that memory grows neither with the duration nor with the epoch's length."""
+    """A world that computes its epochs in chunks, so that memory does not grow with the duration."""
 
     task: Task
     _first: int
     _end: int
 
     def epoch(self, k: int) -> EpochData:
+        """Return epoch k; epochs 1 ... K are asked for in order."""
         if k > self._end:
             self._first = self._end
             self._end = min(self._first + max(1, CHUNK_SAMPLES // self.task.n_sub), self.task.num_epochs)
@@ -65,7 +72,7 @@ class ChunkedWorld(ABC):
 
     @abstractmethod
     def _chunk(self, first: int, count: int) -> tuple[tuple[Any, ...], NavState]:
-        """Epochs first + 1 ... first + count: what is measured, and the truth, all (runs, count, ...)."""
+        """Return measurements and truth of epochs first + 1 ... first + count, all (runs, count, ...)."""
 
 
 def told_start(
@@ -76,9 +83,17 @@ def told_start(
     pos: Array | None = None,
     any_heading: bool = False,
 ) -> NavState:
-    """The start that a task tells: C(phi) C_true, phi fixed or drawn; ``draws`` (runs, 9) are normals.
+    """Return the start that a task tells, which is the true one with errors.
 
-    ``pos``: the place that is told, where it is known; None draws its error, too.
+    The told attitude is C(phi) C_true, see docs/mathematics/frames.md#misalignment.
+
+    Args:
+        task: its prior has the standard deviations of the errors.
+        misalignment_deg: phi in every run, E, N, U; None draws it.
+        truth: true states, (runs, ...).
+        draws: standard normal numbers for misalignment, velocity and position, (runs, 9).
+        pos: the told position if it is known exactly; None draws its error.
+        any_heading: whether the azimuth error is drawn over the circle.
     """
     spread = np.asarray(task.prior.attitude_std_deg)
     fixed = misalignment_deg is not None
@@ -93,7 +108,7 @@ def told_start(
 
 
 def picked(options: dict[str, Any], name: str) -> Any:
-    """The value of the only reset option there is; None where it is not given.
+    """Return the value of ``name``, the only reset option there is; None if it is not given.
 
     Raises:
         ValueError: another option.
@@ -105,10 +120,13 @@ def picked(options: dict[str, Any], name: str) -> Any:
 
 
 def pick_rows(name: str, given: Any, count: int, rngs: Sequence[np.random.Generator]) -> NDArray[np.int64]:
-    """Which of ``count`` windows or records each run gets: drawn, as a list says, or one after the other from an index on.
+    """Return which of ``count`` windows or records each run plays, (runs,).
+
+    ``given`` is None for a draw by each run, a list with an index for each run, or the index of the first run, which the
+    other runs follow one by one.
 
     Raises:
-        ValueError: not one index, nor a list with one for each run; an index that does not exist.
+        ValueError: neither one index nor a list with one for each run; an index that does not exist.
     """
     if given is None:
         return np.array([rng.integers(count) for rng in rngs])
