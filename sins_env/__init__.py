@@ -1,7 +1,7 @@
 """sins_env: which filter aligns a strapdown inertial system fastest, and how far is it from the best possible?
 
-The constitution. Everything inside is SI, radians and float64; degrees, arcsec, deg/h and micro-g appear only in spec
-fields that carry the unit in their name, in the command line and in reports.
+These conventions hold everywhere. Quantities are SI, radians and float64. Degrees, arcsec, deg/h and micro-g appear only
+in fields that carry the unit in their name, on the command line and in reports.
 
 Frames     n: East-North-Up at the base; b: Right-Forward-Up of the IMU; i: inertial; e: Earth-fixed; c: the computed n.
 Attitude   ``q_nb`` is a Hamilton quaternion, scalar first, that turns body vectors into n: v_n = q_nb v_b q_nb*,
@@ -11,8 +11,12 @@ Position   latitude rad, longitude rad, height m.
 Shapes     batch first: (..., n) states and (..., n, n) covariances; one run is batch shape ().
 Time       observation k covers (t_{k-1}, t_k]; the action is the estimate at t_k.
 
-Symbols x P F Q H R K S stand for themselves inside the mathematics. Sources: 000 is Wang Junhou's thesis (2011), the other
-documents are 001-004; equation numbers such as (2.2.17) are the thesis' own, misprints corrected.
+Symbols x P F Q H R K S stand for themselves inside the mathematics. The source documents are 000, Wang Junhou's thesis
+(2011), and 001 to 004. Equation numbers such as (2.2.17) are the thesis' own; docs/mathematics/errata.md corrects its
+misprints. The frames and errors are those of docs/mathematics/frames.md.
+
+Read the ground floor first: ``units``, ``types``, ``attitude``, ``earth``, ``specs``, ``presets``, ``prior``, ``motion``.
+Then follow the data: ``trajectory``, ``sensors``, ``recordings``, ``worlds``, ``envs``, ``evaluation``, ``cli``.
 
 Importing this package registers ``SINS/AlignSway-v0``, ``SINS/AlignStatic-v0``, ``SINS/AlignVehicle-v0``,
 ``SINS/NavFlight-v0`` and ``SINS/Replay-v0`` with Gymnasium.

@@ -1,4 +1,4 @@
-"""``python -m sins_env`` is ``sins-env``."""
+"""The command line: ``python -m sins_env`` does the same as ``sins-env``."""
 
 import sys
 

@@ -9,4 +9,4 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Obs = dict[str, NDArray[Any]]  #: an observation, with a leading run axis in the vector environment
+Obs = dict[str, NDArray[Any]]  #: an observation; that of the vector environment has a leading run axis

@@ -1,8 +1,10 @@
 """Attitude: quaternions, direction cosines, Euler angles and the misalignment between two navigation frames.
 
-Conventions (docs/mathematics/frames.md): quaternions are Hamilton, scalar first, ``q_nb`` turns body vectors into n;
-heading is clockwise from north, pitch nose up, roll right side down; a misalignment phi (E, N, U) turns n into the
-computed frame c by right-handed rotations about U, then E, then N, and C_hat_nb = C_n^c(phi) C_nb.
+Quaternions are Hamilton's, scalar first, and ``q_nb`` turns body vectors into n. Heading is clockwise from north, pitch
+is nose up, roll is right side down. A misalignment phi (E, N, U) turns n into the computed frame c by right-handed
+rotations about U, then E, then N, so that C_hat_nb = C_n^c(phi) C_nb. See docs/mathematics/frames.md.
+
+Functions are batch first; angles are in rad.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from sins_env.arrays import Array
 
 
 def _left_table() -> Array:
-    """T (4, 16) with (q T).reshape(4, 4) @ p = q p (the Hamilton product)."""
+    """Return T (4, 16) with (q T).reshape(4, 4) @ p = q p, the Hamilton product."""
     table = np.zeros((4, 4, 4))
     for i, j, k, sign in [
         (0, 0, 0, 1), (1, 1, 0, -1), (2, 2, 0, -1), (3, 3, 0, -1),
@@ -30,9 +32,9 @@ _RIGHT = np.ascontiguousarray(_LEFT.reshape(4, 4, 4).transpose(2, 1, 0)).reshape
 
 
 def _dcm_table() -> Array:
-    """T (16, 9) with (q q').ravel() T = (C(q) - I).ravel() for unit q.
+    """Return T (16, 9) with (q q').ravel() T = (C(q) - I).ravel() for unit q.
 
-    No column has more than two terms, so that a product's bits do not hang on the order in which BLAS adds them.
+    No column has more than two terms, so that the order in which BLAS adds them does not change the last bits.
     """
     table = np.zeros((4, 4, 3, 3))
     for i in range(3):
@@ -53,9 +55,9 @@ _UNIT = np.eye(3).ravel()
 
 
 def sincos(angle: Array) -> tuple[Array, Array]:
-    """Sine and cosine by the tangent of the half angle, to two units in the last place.
+    """Compute sine and cosine from the tangent of the half angle, to two units in the last place.
 
-    NumPy has a vector tangent but takes sine and cosine one by one from the C library: this is five times faster.
+    This is five times faster than NumPy, which has a vector tangent but calls the C library for each sine and cosine.
     """
     t = np.tan(0.5 * angle)
     t2 = t * t
@@ -64,45 +66,47 @@ def sincos(angle: Array) -> tuple[Array, Array]:
 
 
 def left_matrix(q: Array) -> Array:
-    """(..., 4, 4) with left_matrix(q) @ p = q p."""
+    """Return the matrix (..., 4, 4) of a product from the left: left_matrix(q) @ p = q p."""
     return (q @ _LEFT).reshape(*q.shape[:-1], 4, 4)
 
 
 def right_matrix(q: Array) -> Array:
-    """(..., 4, 4) with right_matrix(q) @ p = p q."""
+    """Return the matrix (..., 4, 4) of a product from the right: right_matrix(q) @ p = p q."""
     return (q @ _RIGHT).reshape(*q.shape[:-1], 4, 4)
 
 
 def multiply(q: Array, p: Array) -> Array:
-    """Hamilton product q p, (..., 4)."""
+    """Multiply quaternions: the Hamilton product q p, (..., 4)."""
     return np.matmul(left_matrix(q), p[..., None])[..., 0]
 
 
 def conjugate(q: Array) -> Array:
+    """Return the conjugate quaternion (..., 4), the inverse of a unit quaternion."""
     return q * np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def normalize(q: Array) -> Array:
+    """Scale a quaternion (..., 4) to unit length."""
     return q / np.sqrt(np.add.reduce(q * q, axis=-1, keepdims=True))
 
 
-TINY = 1e-300  #: keeps 0 / 0 from a rotation by nothing
+TINY = 1e-300  #: smallest divisor; it keeps a rotation by zero from being 0 / 0
 
 
 def from_rotvec(rotvec: Array) -> Array:
-    """q of a rotation vector in rad, (..., 3) -> (..., 4). docs/mathematics/frames.md#quaternion."""
+    """Turn a rotation vector (..., 3), rad, into a quaternion (..., 4). See docs/mathematics/frames.md#quaternion."""
     angle = np.sqrt(np.add.reduce(rotvec * rotvec, axis=-1, keepdims=True))
     sine, cosine = sincos(0.5 * angle)
     return np.concatenate([cosine, sine / np.maximum(angle, TINY) * rotvec], axis=-1)
 
 
 def rotation_angle(q: Array) -> Array:
-    """Angle of the rotation in [0, pi], (...,) rad; accurate near 0 and pi, NaN where q is not finite."""
+    """Return the angle of a rotation in [0, pi], rad, (...,). It is accurate near 0 and pi, and NaN if q is not finite."""
     return 2.0 * np.arctan2(np.sqrt(np.sum(q[..., 1:] ** 2, axis=-1)), np.abs(q[..., 0]))
 
 
 def slerp(q0: Array, q1: Array, w: Array) -> Array:
-    """From q0 (..., 4) at w = 0 to q1 at w = 1 (...,) along the shorter arc; exact at both ends."""
+    """Interpolate from q0 (..., 4) at w = 0 to q1 at w = 1 along the shorter arc; ``w`` is (...,). Both ends are exact."""
     dot = np.sum(q0 * q1, axis=-1, keepdims=True)
     q1 = np.where(dot < 0, -q1, q1)
     w = w[..., None]
@@ -113,13 +117,16 @@ def slerp(q0: Array, q1: Array, w: Array) -> Array:
 
 
 def to_dcm(q: Array) -> Array:
-    """C_nb (..., 3, 3) of unit q_nb. (2.2.11)."""
+    """Turn a unit quaternion q_nb (..., 4) into C_nb (..., 3, 3). 000 (2.2.11)."""
     outer = (q[..., :, None] * q[..., None, :]).reshape(*q.shape[:-1], 16)
     return (outer @ _DCM + _UNIT).reshape(*q.shape[:-1], 3, 3)
 
 
 def from_dcm(C: Array) -> Array:
-    """Unit quaternion with q_0 >= 0 of a direction cosine matrix, by Shepperd's choice of the largest component."""
+    """Turn a direction cosine matrix (..., 3, 3) into a unit quaternion (..., 4) with q_0 >= 0.
+
+    Shepperd's method computes the largest component first. See docs/mathematics/frames.md#quaternion.
+    """
     d = np.diagonal(C, axis1=-2, axis2=-1)
     trace = d.sum(-1, keepdims=True)
     squares = np.concatenate([1.0 + trace, 1.0 + 2.0 * d - trace], axis=-1)  # 4 q_i^2
@@ -137,12 +144,15 @@ def from_dcm(C: Array) -> Array:
 
 
 def from_euler(heading: Array | float, pitch: Array | float, roll: Array | float) -> Array:
-    """q_nb of heading (clockwise), pitch, roll in rad: Rz(-heading) Rx(pitch) Ry(roll). (2.2.6-8)."""
+    """Turn heading (clockwise), pitch and roll, rad, into q_nb = Rz(-heading) Rx(pitch) Ry(roll), (..., 4).
+
+    000 (2.2.6) to (2.2.8).
+    """
     return _zxy(*np.broadcast_arrays(-0.5 * np.asarray(heading), 0.5 * np.asarray(pitch), 0.5 * np.asarray(roll)))
 
 
 def _zxy(*halves: Array) -> Array:
-    """Rz Rx Ry of half the angles, (..., 4)."""
+    """Return the quaternion (..., 4) of Rz Rx Ry, given half the angles."""
     (sz, sx, sy), (cz, cx, cy) = sincos(np.stack(halves))
     q = np.empty((*sz.shape, 4))
     cxcy, sxsy, sxcy, cxsy = cx * cy, sx * sy, sx * cy, cx * sy
@@ -152,7 +162,10 @@ def _zxy(*halves: Array) -> Array:
 
 
 def to_euler(C: Array) -> tuple[Array, Array, Array]:
-    """Heading in (-pi, pi], pitch, roll in rad of C_nb (..., 3, 3). At +-90 deg pitch roll is set to zero. (2.2.9)."""
+    """Read heading in (-pi, pi], pitch and roll, rad, from C_nb (..., 3, 3). 000 (2.2.9).
+
+    At a pitch of +-90 deg the roll is set to zero.
+    """
     level = np.hypot(C[..., 0, 1], C[..., 1, 1])
     pitch = np.arctan2(C[..., 2, 1], level)
     regular = level > 1e-9
@@ -162,19 +175,25 @@ def to_euler(C: Array) -> tuple[Array, Array, Array]:
 
 
 def body_rate(angles: Array, rates: Array) -> Array:
-    """omega_nb^b (..., 3) of heading, pitch, roll and their rates, (..., 3) each. docs/mathematics/frames.md#body-rate."""
+    """Return omega_nb^b (..., 3), rad/s, from heading, pitch, roll and their rates, (..., 3) each.
+
+    See docs/mathematics/frames.md#body-rate.
+    """
     tilt = np.moveaxis(angles, -1, 0)[1:]
     return np.stack(body_rate_planes(np.sin(tilt), np.cos(tilt), np.moveaxis(rates, -1, 0)), axis=-1)
 
 
 def body_rate_planes(sine: Array, cosine: Array, rates: Array) -> tuple[Array, Array, Array]:
-    """The same with components in front: sine and cosine of pitch and roll (2, ...), rates of heading, pitch, roll (3, ...)."""
+    """Return the components of :func:`body_rate` with components in front.
+
+    ``sine`` and ``cosine`` are those of pitch and roll, (2, ...); ``rates`` are those of heading, pitch, roll, (3, ...).
+    """
     (sp, sr), (cp, cr), (dh, dp, dr) = sine, cosine, rates
     return dp * cr + dh * sr * cp, dr - dh * sp, dp * sr - dh * cr * cp
 
 
 def cross_planes(a: Array, b: Array) -> Array:
-    """a x b along the first axis."""
+    """Return a x b of (3, ...), with components along the first axis."""
     first = a[1] * b[2] - a[2] * b[1]
     out = np.empty((3, *first.shape))
     out[0] = first
@@ -184,29 +203,31 @@ def cross_planes(a: Array, b: Array) -> Array:
 
 
 def davenport(M: Array) -> Array:
-    """K (..., 4, 4), symmetric, with q' K q = tr(C(q)' M) - tr M for unit q: Davenport's matrix up to a multiple of I.
+    """Return Davenport's matrix K (..., 4, 4) of M (..., 3, 3), up to a multiple of I.
 
-    Its eigenvector to the largest eigenvalue is the quaternion of the rotation nearest to M (..., 3, 3).
+    K is symmetric, with q' K q = tr(C(q)' M) - tr M for unit q. The eigenvector of its largest eigenvalue is the
+    quaternion of the rotation nearest to M.
     """
     K = (M.reshape(*M.shape[:-2], 9) @ _DCM.T).reshape(*M.shape[:-2], 4, 4)
     return 0.5 * (K + np.swapaxes(K, -1, -2))
 
 
 def wrap(angle: Array) -> Array:
-    """The angle in [-pi, pi)."""
+    """Wrap an angle to [-pi, pi)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def skew(v: Array) -> Array:
-    """(..., 3, 3) with skew(v) @ u = v x u."""
+    """Return the matrix (..., 3, 3) of a cross product: skew(v) @ u = v x u."""
     return (v @ _SKEW).reshape(*v.shape, 3)
 
 
 def misalignment_rows(phi: Array) -> tuple[Array, Array, Array]:
-    """C_n^c and the sine and cosine of phi with the components in FRONT: phi (3, ...) -> (3, 3, ...), (3, ...), (3, ...).
+    """Return C_n^c (3, 3, ...) and sine and cosine (3, ...) of phi (3, ...), with the components in front.
 
-    Sigma-point filters evaluate this thousands of times per epoch; planes of components are what NumPy is fast on.
-    C_n^c = R_N(phi_N) R_E(phi_E) R_U(phi_U). docs/mathematics/frames.md#misalignment (001 (6) corrected, erratum 66).
+    Sigma-point filters evaluate this thousands of times per epoch, and NumPy is fast along long last axes.
+    C_n^c = R_N(phi_N) R_E(phi_E) R_U(phi_U) is 001 (6) with its misprint corrected, erratum 66.
+    See docs/mathematics/frames.md#misalignment.
     """
     s, c = sincos(phi)
     sx, sy, sz = s
@@ -223,24 +244,27 @@ def misalignment_rows(phi: Array) -> tuple[Array, Array, Array]:
 
 
 def misalignment_dcm(phi: Array) -> Array:
-    """C_n^c (..., 3, 3) of phi (..., 3) rad. docs/mathematics/frames.md#misalignment."""
+    """Return C_n^c (..., 3, 3) of phi (..., 3), rad. See docs/mathematics/frames.md#misalignment."""
     C = misalignment_rows(np.moveaxis(phi, -1, 0))[0]
     return np.ascontiguousarray(np.moveaxis(C, (0, 1), (-2, -1)))
 
 
 def correction_quaternion(phi: Array) -> Array:
-    """The quaternion (..., 4) of C_n^c(phi)' = Rz(phi_U) Rx(phi_E) Ry(phi_N), which takes the misalignment away."""
+    """Return the quaternion (..., 4) of C_n^c(phi)' = Rz(phi_U) Rx(phi_E) Ry(phi_N), which removes a misalignment."""
     half = 0.5 * phi
     return _zxy(half[..., 2], half[..., 0], half[..., 1])
 
 
 def misalignment_quaternion(phi: Array) -> Array:
-    """The quaternion (..., 4) of C_n^c(phi)."""
+    """Return the quaternion (..., 4) of C_n^c(phi)."""
     return conjugate(correction_quaternion(phi))
 
 
 def misalignment_from_dcm(C: Array) -> Array:
-    """phi (..., 3) of C_n^c (..., 3, 3); phi_E in +-90 deg. docs/mathematics/frames.md#misalignment."""
+    """Read phi (..., 3), rad, from C_n^c (..., 3, 3); phi_E is within +-90 deg.
+
+    See docs/mathematics/frames.md#misalignment.
+    """
     return np.stack(
         [
             np.arcsin(np.clip(C[..., 1, 2], -1.0, 1.0)),
@@ -252,12 +276,12 @@ def misalignment_from_dcm(C: Array) -> Array:
 
 
 def misalignment(q_computed: Array, q_true: Array) -> Array:
-    """phi (..., 3) rad of a computed attitude against the true one: C_n^c = C_hat_nb C_nb'."""
+    """Return the misalignment phi (..., 3), rad, of a computed attitude: C_n^c(phi) = C_hat_nb C_nb'."""
     return misalignment_from_dcm(to_dcm(multiply(q_computed, conjugate(q_true))))
 
 
 def misalignment_rate_matrix(phi: Array) -> Array:
-    """C_w (..., 3, 3) with omega_nc^c = C_w phi_dot. docs/mathematics/frames.md#misalignment."""
+    """Return C_w (..., 3, 3) with omega_nc^c = C_w phi_dot. See docs/mathematics/frames.md#misalignment."""
     sx, cx = np.sin(phi[..., 0]), np.cos(phi[..., 0])
     sy, cy = np.sin(phi[..., 1]), np.cos(phi[..., 1])
     out = np.zeros((*phi.shape[:-1], 3, 3))

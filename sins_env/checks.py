@@ -1,7 +1,7 @@
-"""Checks of what users type: on a command line, in JSON, in code.
+"""Checks of what users type on a command line, in JSON or in code.
 
-Each returns the value in plain Python types, or raises one ValueError with the setting's name, what was given and
-what is allowed.
+Each check returns the value in plain Python types, or raises one ValueError. The error has the name of the setting, what
+was given and what is allowed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 def unknown(kind: str, given: object, allowed: Iterable[str]) -> ValueError:
-    """The error for a name that does not exist: 'unknown task 'sway-whit-v0'; did you mean ...?'."""
+    """Return the error for a name that does not exist, such as "unknown task 'sway-whit-v0'; did you mean ...?"."""
     names = sorted(allowed)
     near = difflib.get_close_matches(str(given), names, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}? Allowed" if near else "allowed"
@@ -26,7 +26,7 @@ def unknown(kind: str, given: object, allowed: Iterable[str]) -> ValueError:
 
 
 def build(cls: type[T], settings: Mapping[str, Any], kind: str) -> T:
-    """``cls(**settings)`` for a dataclass; a misspelt field is one clear error.
+    """Make a dataclass, ``cls(**settings)``; a misspelt field is one clear error.
 
     Raises:
         ValueError: a setting that ``cls`` does not have, or a value it refuses.
@@ -39,14 +39,17 @@ def build(cls: type[T], settings: Mapping[str, Any], kind: str) -> T:
 
 
 def refused(name: str, given: object, allowed: str) -> ValueError:
-    """The error for a value: 'epoch = -1.0; allowed: a positive number of seconds'."""
+    """Return the error for a value, such as 'epoch = -1.0; allowed: a positive number of seconds'."""
     return ValueError(f"{name} = {given!r}; allowed: {allowed}")
 
 
 def keep(owner: object, name: str, check: Callable[..., Any], *args: Any, **limits: Any) -> None:
-    """Check one setting of a frozen dataclass, and keep it as ``check`` returns it.
+    """Check one field of a frozen dataclass, and replace it by what ``check`` returns.
 
-    keep(self, "gate", number, above=0.0, most=1.0), in ``__post_init__``.
+    Call it in ``__post_init__``: ``keep(self, "gate", number, above=0.0, most=1.0)``.
+
+    Raises:
+        ValueError: whatever ``check`` refuses.
     """
     object.__setattr__(owner, name, check(name, getattr(owner, name), *args, **limits))
 
@@ -62,12 +65,16 @@ def number(
     below: float = math.inf,
     infinite: bool = False,
 ) -> float:
-    """A number within limits, finite unless ``infinite``; neither a bool nor a string that looks like a number."""
+    """Check a number within limits, finite unless ``infinite``; neither a bool nor a string that looks like a number.
+
+    Raises:
+        ValueError: anything else; ``allowed`` replaces the text that the limits make.
+    """
     value = math.nan
     if isinstance(given, (int, float, np.integer, np.floating)) and not isinstance(given, bool):
         try:
             value = float(given)
-        except OverflowError:  # of a huge int
+        except OverflowError:  # a huge int
             value = math.inf
     if value == math.inf and infinite:
         return value
@@ -77,7 +84,7 @@ def number(
 
 
 def _within(least: float, above: float, most: float, below: float, infinite: bool) -> str:
-    """'a number > 0 and <= 1'."""
+    """Write limits in words, such as 'a number > 0 and <= 1'."""
     signs = {">=": least, ">": above, "<=": most, "<": below}
     bounds = " and ".join(f"{sign} {limit:g}" for sign, limit in signs.items() if math.isfinite(limit))
     noun = "a number" if infinite or min(most, below) < math.inf else "a finite number"
@@ -85,7 +92,11 @@ def _within(least: float, above: float, most: float, below: float, infinite: boo
 
 
 def whole(name: str, given: Any, allowed: str | None = None, *, least: int) -> int:
-    """A whole number, ``30.0`` too."""
+    """Check a whole number; ``30.0`` is one, too.
+
+    Raises:
+        ValueError: a number with a fraction, one below ``least``, or no number.
+    """
     allowed = allowed or f"a whole number >= {least}"
     value = number(name, given, allowed, least=least)
     if value % 1:
@@ -96,7 +107,11 @@ def whole(name: str, given: Any, allowed: str | None = None, *, least: int) -> i
 def numbers(
     name: str, given: Any, count: int | None, allowed: str, *, least: float = -math.inf, above: float = -math.inf
 ) -> tuple[float, ...]:
-    """As many finite numbers in a list, tuple or array; count None: at least one."""
+    """Check a list, tuple or array of ``count`` finite numbers; None takes any number of them but zero.
+
+    Raises:
+        ValueError: another count, a number out of range, or anything else.
+    """
     values = items(given)
     if not values or len(values) != (count or len(values)):
         raise refused(name, given, allowed)
@@ -107,7 +122,11 @@ def numbers(
 
 
 def interval(name: str, given: Any, allowed: str) -> tuple[float, float]:
-    """(start, end) with 0 <= start < end."""
+    """Check a pair (start, end) with 0 <= start < end.
+
+    Raises:
+        ValueError: anything else.
+    """
     start, end = numbers(name, given, 2, allowed, least=0.0)
     if not start < end:
         raise refused(name, given, allowed)
@@ -115,20 +134,28 @@ def interval(name: str, given: Any, allowed: str) -> tuple[float, float]:
 
 
 def items(given: Any) -> list[Any] | None:
-    """What a list, a tuple or an array holds; None for anything else."""
+    """Return the items of a list, a tuple or an array; None for anything else."""
     values = given.tolist() if isinstance(given, np.ndarray) else given
     return list(values) if isinstance(values, (list, tuple)) else None
 
 
 def flag(name: str, given: Any) -> bool:
-    """True or False; not what Python would take for them."""
+    """Check True or False; 0, 1 and None are neither.
+
+    Raises:
+        ValueError: anything else.
+    """
     if not isinstance(given, (bool, np.bool_)):
         raise refused(name, given, "True or False")
     return bool(given)
 
 
 def choice(kind: str, given: Any, allowed: Iterable[str]) -> str:
-    """One of the names; a near miss is offered the nearest."""
+    """Check one of the allowed names.
+
+    Raises:
+        ValueError: another name; the error offers the nearest one.
+    """
     if not isinstance(given, str) or given not in allowed:
         raise unknown(kind, given, allowed)
     return given

@@ -1,6 +1,7 @@
-"""Earth: radii of curvature, normal gravity, rotation and transport rate. docs/mathematics/frames.md#earth-model.
+"""The Earth: radii of curvature, normal gravity, rotation and transport rate.
 
-Every function is batch first and takes an :class:`Earth`; truth and estimator must use the same one.
+Every function is batch first and takes an :class:`Earth`. Truth and estimator must use the same one.
+See docs/mathematics/frames.md#earth-model.
 """
 
 from __future__ import annotations
@@ -17,21 +18,24 @@ Scalar = float | Array
 
 MAX_LATITUDE = math.radians(89.9)  #: the local-level frame is singular at the poles
 FREE_AIR = 3.086e-6  #: 1/s^2, decrease of gravity with height
-GRAVITY_E2 = 0.00669437999014  #: WGS-84's, whatever the ellipsoid: the constants of the gravity formula belong together
+#: Square of the eccentricity in the gravity formula. It is that of WGS-84 with either ellipsoid, for its constants belong
+#: together.
+GRAVITY_E2 = 0.00669437999014
 
 
 @dataclass(frozen=True)
 class Earth:
-    """An ellipsoid. ``gravity_equator`` and ``somigliana`` belong to the WGS-84 normal gravity formula."""
+    """An ellipsoid with its rotation and the constants of the WGS-84 normal gravity formula."""
 
     a: float  #: m, semi-major axis
     f: float  #: flattening
-    rate: float = 7.292115e-5  #: rad/s
-    gravity_equator: float = 9.7803253359  #: m/s^2
-    somigliana: float = 0.00193185265241
+    rate: float = 7.292115e-5  #: rotation rate, rad/s
+    gravity_equator: float = 9.7803253359  #: normal gravity at the equator, m/s^2
+    somigliana: float = 0.00193185265241  #: constant k of Somigliana's formula
 
     @property
     def e2(self) -> float:
+        """Square of the eccentricity."""
         return self.f * (2.0 - self.f)
 
 
@@ -39,7 +43,7 @@ EARTHS = {"wgs84": Earth(6378137.0, 1 / 298.257223563), "thesis": Earth(6378096.
 
 
 def get(name: str) -> Earth:
-    """The constants by name, ``wgs84`` or ``thesis``.
+    """Return an earth model by its name, ``wgs84`` or ``thesis``.
 
     Raises:
         ValueError: an unknown name.
@@ -50,7 +54,7 @@ def get(name: str) -> Earth:
 
 
 def check_latitude(latitude: float) -> float:
-    """The latitude in rad, if the local-level frame exists there.
+    """Return the latitude, rad, if the local-level frame exists there.
 
     Raises:
         ValueError: beyond +-89.9 deg, or not finite.
@@ -61,29 +65,34 @@ def check_latitude(latitude: float) -> float:
 
 
 def radii(earth: Earth, latitude: Scalar) -> tuple[Array, Array]:
-    """Meridian radius R_M (goes with V_N) and prime-vertical radius R_N (goes with V_E), m.
-    docs/mathematics/frames.md#earth-model."""
+    """Return the meridian radius R_M, for V_N, and the prime-vertical radius R_N, for V_E, in m.
+
+    See docs/mathematics/frames.md#earth-model.
+    """
     w2 = 1.0 - earth.e2 * np.sin(latitude) ** 2
     w = np.sqrt(w2)
     return earth.a * (1.0 - earth.e2) / (w2 * w), earth.a / w
 
 
 def gravity(earth: Earth, latitude: Scalar, height: Scalar = 0.0) -> Array:
-    """Normal gravity, m/s^2: Somigliana, with the free-air gradient outside the bracket (erratum 2). (2.2.25)."""
+    """Return normal gravity, m/s^2: Somigliana's formula and the free-air gradient. 000 (2.2.25).
+
+    The gradient stands outside the fraction, erratum 2 of docs/mathematics/errata.md#chapter-2.
+    """
     s2 = np.sin(latitude) ** 2
     surface = earth.gravity_equator * (1.0 + earth.somigliana * s2) / np.sqrt(1.0 - GRAVITY_E2 * s2)
     return surface - FREE_AIR * np.asarray(height)
 
 
 def gravity_slope(earth: Earth, latitude: Scalar) -> Array:
-    """Derivative of normal gravity along the latitude, m/s^2 per rad."""
+    """Return the derivative of normal gravity along the latitude, m/s^2 per rad."""
     s, c, k = np.sin(latitude), np.cos(latitude), earth.somigliana
     w2 = 1.0 - GRAVITY_E2 * s * s
     return np.asarray(earth.gravity_equator * s * c * (2.0 * k + GRAVITY_E2 * (1.0 + k * s * s) / w2) / np.sqrt(w2))
 
 
 def rate_n(earth: Earth, latitude: Scalar) -> Array:
-    """omega_ie in n: (..., 3) rad/s. (2.2.26)."""
+    """Return the Earth's rate omega_ie in n, rad/s, (..., 3). 000 (2.2.26)."""
     latitude = np.asarray(latitude, dtype=float)
     out = np.zeros((*latitude.shape, 3))
     out[..., 1] = earth.rate * np.cos(latitude)
@@ -92,7 +101,7 @@ def rate_n(earth: Earth, latitude: Scalar) -> Array:
 
 
 def transport_matrix(earth: Earth, latitude: Scalar, height: Scalar = 0.0) -> Array:
-    """The matrix T (..., 3, 3) with omega_en = T v_n. (2.2.27)."""
+    """Return the matrix T (..., 3, 3) of the transport rate: omega_en = T v_n. 000 (2.2.27)."""
     R_M, R_N = radii(earth, latitude)
     height = np.asarray(height, dtype=float)
     out = np.zeros((*np.broadcast_shapes(np.shape(R_N), height.shape), 3, 3))
@@ -103,7 +112,10 @@ def transport_matrix(earth: Earth, latitude: Scalar, height: Scalar = 0.0) -> Ar
 
 
 def ecef_to_enu(latitude: Scalar, longitude: Scalar) -> Array:
-    """C_e^n (..., 3, 3). docs/mathematics/frames.md#earth-to-local-level (erratum 14)."""
+    """Return C_e^n (..., 3, 3). 000 (2.4.2) and (2.4.3), erratum 14.
+
+    See docs/mathematics/frames.md#earth-to-local-level.
+    """
     sL, cL = np.sin(latitude), np.cos(latitude)
     sl, cl = np.sin(longitude), np.cos(longitude)
     out = np.zeros((*np.broadcast_shapes(np.shape(sL), np.shape(sl)), 3, 3))
@@ -114,8 +126,11 @@ def ecef_to_enu(latitude: Scalar, longitude: Scalar) -> Array:
 
 
 def displace(earth: Earth, pos: Array, offset: Array, at: Array | None = None) -> Array:
-    """Latitude, longitude, height (..., 3) of a point ``offset`` metres E, N, U away; the radii are those ``at`` a place
-    on the way, by default at ``pos`` (first order: for metres, not kilometres)."""
+    """Return latitude, longitude and height (..., 3) of the point that lies ``offset`` metres E, N, U from ``pos``.
+
+    The radii are those at ``at``, a place on the way, by default at ``pos``. The result is of first order: good for metres,
+    not for kilometres.
+    """
     where = pos if at is None else at
     R_M, R_N = radii(earth, where[..., 0])
     out = np.empty(np.broadcast_shapes(pos.shape, offset.shape))
@@ -126,7 +141,7 @@ def displace(earth: Earth, pos: Array, offset: Array, at: Array | None = None) -
 
 
 def offset(earth: Earth, pos: Array, place: Array) -> Array:
-    """Metres E, N, U (..., 3) from ``pos`` to ``place``, the short way round; undoes :func:`displace`."""
+    """Return the metres E, N, U (..., 3) from ``pos`` to ``place``, the short way round; undoes :func:`displace`."""
     R_M, R_N = radii(earth, pos[..., 0])
     out = place - pos
     east = (out[..., 1] + np.pi) % (2 * np.pi) - np.pi

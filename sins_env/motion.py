@@ -1,4 +1,4 @@
-"""What the environments ask of a trajectory."""
+"""The interface of a trajectory: what a world asks of a true motion."""
 
 from __future__ import annotations
 
@@ -12,19 +12,21 @@ from sins_env.types import NavState
 
 
 class Motion(NamedTuple):
-    """The truth over a chunk of epochs, runs first."""
+    """The true motion in a chunk of epochs, with the run axis first."""
 
-    dtheta: Array  #: (runs, epochs, n_sub, 3) rad, exact integrals of omega_ib^b
-    dvel: Array  #: (runs, epochs, n_sub, 3) m/s, exact integrals of f^b
-    state: NavState  #: (runs, epochs, ...) at the end of each epoch
-    rate_eb_b: Array  #: (runs, epochs, 3) rad/s at the end of each epoch, what a lever arm turns into velocity
+    dtheta: Array  #: (runs, epochs, n_sub, 3) exact integrals of omega_ib^b, rad
+    dvel: Array  #: (runs, epochs, n_sub, 3) exact integrals of f^b, m/s
+    state: NavState  #: (runs, epochs, ...) true states at the end of each epoch
+    rate_eb_b: Array  #: (runs, epochs, 3) omega_eb^b at the end of each epoch, rad/s; a lever arm makes it a velocity
 
 
 class Trajectory(Protocol):
+    """A batch of true motions that yields chunks of epochs."""
+
     def reset(self, rngs: Sequence[np.random.Generator]) -> NavState:
-        """Draw one motion per generator; the true states at t = 0, (runs, ...)."""
+        """Draw one motion per generator, and return the true states at t = 0, (runs, ...)."""
         ...
 
     def chunk(self, first_epoch: int, num_epochs: int) -> Motion:
-        """Epochs first_epoch + 1 ... first_epoch + num_epochs (epoch k ends at t_k)."""
+        """Return the motion in epochs first_epoch + 1 ... first_epoch + num_epochs; epoch k ends at t_k."""
         ...

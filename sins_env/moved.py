@@ -1,4 +1,4 @@
-"""Import paths of version 0.1.0 that have changed: they work for one version more, with a DeprecationWarning."""
+"""Import paths of version 0.1.0 that have changed. They work for one more version, with a DeprecationWarning."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from types import ModuleType
 from typing import Any
 
-#: Each old module, and the modules in which its names are now.
+#: Old modules, each with the modules that hold its names now.
 MOVED = {
     "sins_env.allan": "sins_env.sensors.allan",
     "sins_env.envs.align": "sins_env.envs.environments",
@@ -155,7 +155,7 @@ MOVED = {
 
 
 def forward(old: str, new: Sequence[str]) -> Callable[[str], Any]:
-    """A module's ``__getattr__`` that finds the names which have moved from ``old`` into the modules ``new``."""
+    """Return a ``__getattr__`` for the module ``old`` that finds its names in the modules ``new``."""
 
     def find(name: str) -> Any:
         for module in map(importlib.import_module, new) if not name.startswith("__") else ():
@@ -167,7 +167,7 @@ def forward(old: str, new: Sequence[str]) -> Callable[[str], Any]:
 
 
 class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Finds old modules; each is empty and looks its names up where they are now."""
+    """Finder of the old modules. Each is empty, and looks its names up in the new modules."""
 
     def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> importlib.machinery.ModuleSpec | None:
         return importlib.machinery.ModuleSpec(fullname, self) if fullname in MOVED else None
@@ -180,6 +180,6 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 def install() -> None:
-    """Let the old names be found, after all that is really there; a second call changes nothing."""
+    """Make the old modules importable. Real modules come first, and a second call changes nothing."""
     if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
         sys.meta_path.append(_Finder())

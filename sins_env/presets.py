@@ -1,4 +1,7 @@
-"""The named sensors: fields of :class:`sins_env.specs.ImuSpec` and :class:`sins_env.specs.GpsSpec`."""
+"""Presets: the fields of named sensors, for :class:`sins_env.specs.ImuSpec` and :class:`sins_env.specs.GpsSpec`.
+
+See docs/mathematics/simulation.md#presets.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,7 @@ from typing import Any
 
 Fields = dict[str, Any]
 
-# 000 section 2.5.3: "white noise 50e-6 g" read as the std of a 100 Hz sample, 5 ug/sqrt(Hz)
-# (docs/mathematics/simulation.md#presets).
+# 000 section 2.5.3: "white noise of 50e-6 g" is read as the standard deviation of a sample at 100 Hz, 5 ug/sqrt(Hz).
 _THESIS: Fields = {
     "gyro_bias_deg_h": 0.02,
     "arw_deg_sqrt_h": 0.01,
@@ -18,7 +20,7 @@ _THESIS: Fields = {
 IMU: dict[str, Fields] = {
     "perfect": {},
     "thesis-white": _THESIS,
-    # The accelerometers have the Gauss-Markov bias alone: nabla = GM + white (docs/mathematics/simulation.md#presets)
+    # The accelerometers have a Gauss-Markov bias and no constant one.
     "thesis-markov": {
         **_THESIS,
         "gyro_markov_deg_h": 0.1,
@@ -27,7 +29,7 @@ IMU: dict[str, Fields] = {
         "accel_markov_ug": 100.0,
         "accel_markov_s": 900.0,
     },
-    # 000 chapter 6, with the pulse weights of ../shared/data/rlg_parked_car.npz
+    # The sensors of 000 chapter 6, with the pulse weights of the recording rlg_parked_car.npz.
     "rlg-car": {
         "gyro_bias_deg_h": 0.01,
         "arw_deg_sqrt_h": 0.005,
@@ -36,7 +38,7 @@ IMU: dict[str, Fields] = {
         "gyro_lsb_arcsec": 0.1,
         "accel_lsb_mps": 1.222540875e-3,
     },
-    # What the makers of ../shared/data/navgrade_car_gps.npz say of their sensors
+    # The sensors as the makers of the recording navgrade_car_gps.npz state them.
     "navgrade-car": {
         "gyro_bias_deg_h": 0.05,
         "arw_deg_sqrt_h": 0.001,

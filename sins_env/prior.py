@@ -1,4 +1,4 @@
-"""What every estimator is told before the first observation: initial covariance, process noise and measurement noise."""
+"""The prior: initial covariance, process noise and measurement noise that every estimator is told beforehand."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from sins_env.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, UG
 
 @dataclass(frozen=True)
 class Prior:
-    """What every estimator is told of the start, the process noise and the fixes.
+    """The assumed spread of the start, the assumed process noise, and the assumed noise of the fixes.
 
-    ``P0`` and ``Q`` order the 15 errors as phi E N U (rad), velocity E N U (m/s), position E N U (m), gyro bias
-    R F U (rad/s), accelerometer bias R F U (m/s^2); ``R`` orders velocity (m/s), position (m). ``Q`` is per epoch.
-    The arrays are read-only, for every run is told the same ones.
+    ``P0`` and ``Q`` order 15 errors: phi E, N, U (rad), velocity E, N, U (m/s), position E, N, U (m), gyro bias R, F, U
+    (rad/s), accelerometer bias R, F, U (m/s^2). ``R`` orders velocity (m/s), position (m). ``Q`` is per epoch. The arrays
+    are read-only, because every run is told the same ones. See docs/mathematics/frames.md#state-layout.
     """
 
     attitude_std_deg: tuple[float, ...]
@@ -36,7 +36,7 @@ class Prior:
 
     @cached_property
     def P0(self) -> Array:
-        """(15, 15) covariance of the errors at the start."""
+        """Covariance of the errors at the start, (15, 15)."""
         std = [
             *(np.asarray(self.attitude_std_deg) * DEG),
             *[self.velocity_std_mps] * 3,
@@ -48,17 +48,17 @@ class Prior:
 
     @cached_property
     def Q(self) -> Array:
-        """(15, 15) covariance of the noise of one epoch: diag(N^2, VRW^2, 0, 0, 0) epoch."""
+        """Covariance of the process noise of one epoch, (15, 15): diag(N^2, VRW^2, 0, 0, 0) epoch."""
         std = [self.arw_deg_sqrt_h * DEG_PER_SQRT_H] * 3 + [self.vrw_ug_sqrt_hz * UG] * 3 + [0.0] * 9
         return _frozen(np.diag(np.square(std)) * self.epoch_s)
 
     @cached_property
     def R(self) -> Array:
-        """(6, 6) covariance of a fix: velocity m/s, position m."""
+        """Covariance of a fix, (6, 6): velocity in m/s, position in m."""
         return _frozen(np.diag(np.square([*self.gps_vel_std_mps, *self.gps_pos_std_m])))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the arrays, which a copy or another process would get writeable."""
+        """Return the fields without the arrays, which would arrive writeable in a copy or in another process."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
 
@@ -67,19 +67,21 @@ def _frozen(array: Array) -> Array:
     return array
 
 
-#: 1-sigma start errors that the environment draws and the matched prior tells.
+#: Standard deviations of the misalignment E, N, U at a told start, both drawn and told.
 TOLD_START_STD_DEG = (1.0, 1.0, 15.0)
-#: Told spread of a heading that is drawn over the circle.
+#: Assumed standard deviation of a heading that is drawn over the circle.
 ANY_HEADING_STD_DEG = 180.0 / math.sqrt(3.0)
-#: Told spread of the attitude after coarse alignment.
+#: Assumed standard deviations of the misalignment E, N, U after coarse alignment.
 COARSE_STD_DEG = (0.1, 0.1, 2.0)
 START_VELOCITY_STD_MPS = 0.2
 
 
 def matched_prior(imu: ImuSpec, gps: GpsSpec, epoch_s: float, attitude_std_deg: tuple[float, ...]) -> Prior:
-    """The prior that tells what the environment draws; a Gauss-Markov bias adds its stationary variance.
+    """Return the prior that states what the environment draws; a Gauss-Markov bias adds its stationary variance.
 
-    A perfect sensor is told a thousandth of the navigation preset instead of zero, so that P0 and R can be inverted.
+    A perfect sensor has the biases of the preset "navigation" over 1000 instead of zero, so that P0 can be inverted. The
+    noise of perfect fixes is 1e-4 m/s and 1e-3 m, so that R can be inverted.
+    See docs/mathematics/simulation.md#told-priors.
     """
     floor = IMU_PRESETS["navigation"]
     return Prior(
@@ -97,11 +99,11 @@ def matched_prior(imu: ImuSpec, gps: GpsSpec, epoch_s: float, attitude_std_deg: 
 
 
 def thesis_prior(imu: ImuSpec, gps: GpsSpec, epoch_s: float, attitude_std_deg: tuple[float, ...]) -> Prior:
-    """000 section 2.5.4 in reading (C): (5e-4 g)^2 and (0.01 deg/h)^2 added at each 100 Hz step, R = (0.1 m/s)^2.
+    """Return the prior of 000 section 2.5.4 in reading C: (5e-4 g)^2 and (0.01 deg/h)^2 at each step of 100 Hz.
 
-    Reading (C) takes the printed numbers as covariances in m/s and rad per step
-    (docs/mathematics/simulation.md#told-priors). One hundred steps
-    per second turn them into densities: 10 x 5e-4 g per sqrt(s), and 10 x (0.01 deg/h in rad) per sqrt(s).
+    Reading C takes the printed numbers as covariances in (m/s)^2 and rad^2 per step. One hundred steps per second turn
+    them into densities of 10 x 5e-4 g and 10 x (0.01 deg/h in rad) per sqrt(s). R is (0.1 m/s)^2.
+    See docs/mathematics/simulation.md#told-priors.
     """
     return replace(
         matched_prior(imu, gps, epoch_s, attitude_std_deg),

@@ -1,7 +1,7 @@
-"""Sensors and priors in the units of datasheets.
+"""Specifications of sensors in the units of datasheets.
 
-Fields carry their unit in their name; properties give SI. A preset's name (:mod:`sins_env.presets`) or a dict of
-fields is accepted wherever a spec is asked for (:func:`imu_spec`, :func:`gps_spec`).
+Fields carry their unit in their name; properties give SI. The name of a preset (:mod:`sins_env.presets`) or a dict of
+fields may stand for a specification; :func:`imu_spec` and :func:`gps_spec` turn them into one.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from sins_env.arrays import Array
 from sins_env.checks import build, unknown
 from sins_env.units import DEG_PER_SQRT_H, UG
 
-#: Units and priors were here in version 0.1.0, and are found here still.
+#: Units and priors lived here in version 0.1.0, and imports from here still find them.
 __getattr__ = moved.forward(__name__, ("sins_env.units", "sins_env.prior"))
 
-Check = Callable[[str, Any], Any]  #: name, given -> the value; raises
+Check = Callable[[str, Any], Any]  #: check of a field: takes its name and what was given, returns the value or raises
 S = TypeVar("S", "ImuSpec", "GpsSpec")
 
 
@@ -53,7 +53,7 @@ def _duration_or_interval(name: str, given: Any) -> float | tuple[float, float]:
 
 
 def _check_fields(spec: Any, special: Mapping[str, Check]) -> None:
-    """Every field becomes what its check returns: plain numbers, and tuples of the lists of JSON."""
+    """Replace every field by what its check returns: plain numbers, and tuples for the lists of JSON."""
     for name in (f.name for f in fields(spec)):
         check = special.get(name, _not_negative)
         object.__setattr__(spec, name, check(f"{type(spec).__name__}.{name}", getattr(spec, name)))
@@ -61,24 +61,26 @@ def _check_fields(spec: Any, special: Mapping[str, Check]) -> None:
 
 @dataclass(frozen=True)
 class ImuSpec:
-    """Errors of the inertial sensors. Biases, scale factors and misalignments are 1-sigma values: every run draws its own.
+    """Errors of the inertial sensors. Biases, scale factors and misaligned axes are 1-sigma values; each run draws its own.
 
-    The Markov terms are first-order Gauss-Markov biases with the given stationary sigma and correlation time.
-    docs/mathematics/simulation.md#inertial-sensors.
+    See docs/mathematics/simulation.md#inertial-sensors.
+
+    Raises:
+        ValueError: a value that is negative or not finite, or a correlation time of zero.
     """
 
-    gyro_bias_deg_h: float = 0.0
-    arw_deg_sqrt_h: float = 0.0
-    gyro_markov_deg_h: float = 0.0
-    gyro_markov_s: float = 3600.0
-    accel_bias_ug: float = 0.0
-    vrw_ug_sqrt_hz: float = 0.0
-    accel_markov_ug: float = 0.0
-    accel_markov_s: float = 900.0
-    scale_ppm: float = 0.0
-    misalignment_arcsec: float = 0.0
-    gyro_lsb_arcsec: float = 0.0
-    accel_lsb_mps: float = 0.0
+    gyro_bias_deg_h: float = 0.0  #: constant bias of the gyros
+    arw_deg_sqrt_h: float = 0.0  #: angle random walk
+    gyro_markov_deg_h: float = 0.0  #: stationary sigma of the gyros' Gauss-Markov bias
+    gyro_markov_s: float = 3600.0  #: its correlation time
+    accel_bias_ug: float = 0.0  #: constant bias of the accelerometers
+    vrw_ug_sqrt_hz: float = 0.0  #: velocity random walk
+    accel_markov_ug: float = 0.0  #: stationary sigma of the accelerometers' Gauss-Markov bias
+    accel_markov_s: float = 900.0  #: its correlation time
+    scale_ppm: float = 0.0  #: scale factors of all sensors
+    misalignment_arcsec: float = 0.0  #: angles of misaligned axes of all sensors
+    gyro_lsb_arcsec: float = 0.0  #: weight of a gyro pulse; 0 does not quantise
+    accel_lsb_mps: float = 0.0  #: weight of an accelerometer pulse; 0 does not quantise
 
     def __post_init__(self) -> None:
         _check_fields(self, {"gyro_markov_s": _correlation_time, "accel_markov_s": _correlation_time})
@@ -96,24 +98,22 @@ class ImuSpec:
 
 @dataclass(frozen=True)
 class GpsSpec:
-    """Errors of the fixes. ``vel_std_mps`` and ``pos_std_m``: one number, or three for E, N, U.
+    """Errors of the fixes. See docs/mathematics/simulation.md#fixes.
 
-    ``contamination``: the share of fixes whose whole error vector has ``contamination_factor`` times the variance.
-    ``heavy_tail_dof``: Student-t errors with the stds as scale (one common factor per fix); 0 is Gaussian.
-    ``jump_mps``: a velocity offset of that size in a horizontal direction drawn per run, during ``jump_s``: a pair
-    (start, end) in seconds, or a duration whose start is drawn per run.
+    Raises:
+        ValueError: any value out of its range.
     """
 
-    vel_std_mps: float | tuple[float, ...] = 0.1
-    pos_std_m: float | tuple[float, ...] = 10.0
+    vel_std_mps: float | tuple[float, ...] = 0.1  #: standard deviation of the velocity, one number or (E, N, U)
+    pos_std_m: float | tuple[float, ...] = 10.0  #: standard deviation of the position, one number or (E, N, U)
     rate_hz: float = 10.0
-    lever_arm_m: tuple[float, ...] = (0.0, 0.0, 0.0)
-    outages_s: tuple[tuple[float, float], ...] = ()
-    contamination: float = 0.0
-    contamination_factor: float = 10.0
-    heavy_tail_dof: float = 0.0
-    jump_mps: float = 0.0
-    jump_s: float | tuple[float, float] = 0.0
+    lever_arm_m: tuple[float, ...] = (0.0, 0.0, 0.0)  #: from the IMU to the antenna in the order Right, Forward, Up
+    outages_s: tuple[tuple[float, float], ...] = ()  #: intervals (start, end) without fixes
+    contamination: float = 0.0  #: share of fixes with a greater variance of all their errors
+    contamination_factor: float = 10.0  #: ratio of their variance to the ordinary one
+    heavy_tail_dof: float = 0.0  #: degrees of freedom of Student-t errors, one factor per fix; 0 is Gaussian
+    jump_mps: float = 0.0  #: size of a velocity offset in a horizontal direction that each run draws
+    jump_s: float | tuple[float, float] = 0.0  #: interval of the offset, or its duration with a start that is drawn
 
     def __post_init__(self) -> None:
         special: dict[str, Check] = {
@@ -129,16 +129,16 @@ class GpsSpec:
 
     @property
     def vel_std(self) -> Array:
-        """(3,) m/s."""
+        """Standard deviation of the velocity E, N, U, m/s, (3,)."""
         return np.broadcast_to(np.asarray(self.vel_std_mps, dtype=float), (3,)).copy()
 
     @property
     def pos_std(self) -> Array:
-        """(3,) m East, North, Up."""
+        """Standard deviation of the position E, N, U, m, (3,)."""
         return np.broadcast_to(np.asarray(self.pos_std_m, dtype=float), (3,)).copy()
 
     def told(self, vel_std_mps: float | tuple[float, ...] | None = None) -> GpsSpec:
-        """What an estimator may know: outages and jumps are surprises."""
+        """Return what estimators are told: the same without outages and jumps, which come as surprises."""
         vel = self.vel_std_mps if vel_std_mps is None else vel_std_mps
         return replace(self, outages_s=(), jump_mps=0.0, jump_s=0.0, vel_std_mps=vel)
 
@@ -148,9 +148,9 @@ GPS_PRESETS: dict[str, GpsSpec] = {name: GpsSpec(**values) for name, values in p
 
 
 def imu_spec(given: str | Mapping[str, Any] | ImuSpec, base: ImuSpec | None = None) -> ImuSpec:
-    """A preset's name, a dict of fields, or a spec.
+    """Make a specification from the name of a preset or a dict of fields; a specification is returned as it is.
 
-    Fields that a dict leaves out are those of its ``preset``, else of ``base``, by default a perfect sensor.
+    Fields that a dict leaves out are those of its ``preset``, else those of ``base``, by default a perfect sensor.
 
     Raises:
         ValueError: an unknown preset or field (the nearest name is offered), or a value out of range.
@@ -159,7 +159,11 @@ def imu_spec(given: str | Mapping[str, Any] | ImuSpec, base: ImuSpec | None = No
 
 
 def gps_spec(given: str | Mapping[str, Any] | GpsSpec, base: GpsSpec | None = None) -> GpsSpec:
-    """As :func:`imu_spec`; ``base`` is by default the ``thesis`` preset."""
+    """Make a specification of fixes in the same way as :func:`imu_spec`; ``base`` is by default the ``thesis`` preset.
+
+    Raises:
+        ValueError: an unknown preset or field (the nearest name is offered), or a value out of range.
+    """
     return _resolve(given, GpsSpec, GPS_PRESETS, base or GPS_PRESETS["thesis"])
 
 

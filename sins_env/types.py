@@ -1,4 +1,7 @@
-"""What passes between the world, the estimators and the score: public knowledge and observations, no truth."""
+"""The types that pass between world, estimator and score: public knowledge and observations, no truth.
+
+See docs/tasks_and_scores.md#environment-contract and docs/tasks_and_scores.md#estimator-contract.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ Rng = np.random.Generator | Sequence[np.random.Generator]
 
 @dataclass(frozen=True)
 class Site:
-    """Where the base stands, and the earth model that truth and estimator share."""
+    """The place of the base, and the earth model that truth and estimator share."""
 
     latitude: float  #: rad
     longitude: float  #: rad
@@ -27,12 +30,12 @@ class Site:
 
     @property
     def pos(self) -> Array:
-        """Latitude rad, longitude rad, height m: (3,)."""
+        """Latitude rad, longitude rad and height m, (3,)."""
         return np.array([self.latitude, self.longitude, self.height])
 
 
 class NavState(NamedTuple):
-    """Attitude, velocity and position; all with or without leading run axes."""
+    """Attitude, velocity and position, all with or without leading run axes."""
 
     q_nb: Array  #: (..., 4) unit quaternion, scalar first, body to navigation frame
     vel: Array  #: (..., 3) m/s East, North, Up
@@ -41,47 +44,53 @@ class NavState(NamedTuple):
 
 @dataclass(frozen=True)
 class Task:
-    """All that an estimator may know beforehand. The task, not the solver, states the prior."""
+    """Everything that an estimator may know beforehand. The task, not the solver, states the prior."""
 
-    id: str
-    site: Site  #: of a flight from a told start the region; where it starts the start tells, with its error
-    epoch_s: float
+    id: str  #: id of the environment
+    #: Place of the base. For a flight with a told start this is only its region; the start position, with its error, is
+    #: in ``start``.
+    site: Site
+    epoch_s: float  #: length of an epoch, s
     n_sub: int  #: IMU samples per epoch
-    duration_s: float  #: coarse phase included
-    coarse_s: float  #: 0 for a told start
-    imu: ImuSpec  #: as told, not necessarily as true
-    gps: GpsSpec  #: as told
+    duration_s: float  #: length of an episode with its coarse phase, s
+    coarse_s: float  #: length of the coarse phase, s; 0 for a told start
+    imu: ImuSpec  #: assumed errors of the inertial sensors; the true ones may differ
+    gps: GpsSpec  #: assumed errors of the fixes; the true ones may differ
     prior: Prior
-    start: NavState | None = None  #: the told start of this episode; None when it is unknown
-    navigate: bool = False  #: the action is q_nb, v_n and position (10); False: q_nb alone (4)
+    start: NavState | None = None  #: told start of this episode, with its errors; None if it is unknown
+    navigate: bool = False  #: whether the action is q_nb, v_n and position (10,); otherwise it is q_nb alone (4,)
 
     @property
     def num_epochs(self) -> int:
+        """Number of epochs of an episode, K."""
         return round(self.duration_s / self.epoch_s)
 
 
 class Observation(TypedDict):
-    """One epoch: every IMU increment of (t_{k-1}, t_k] and the fix at t_k. Leading run axis in vector form."""
+    """One epoch: the IMU increments over (t_{k-1}, t_k] and the fix at t_k. A batch of runs has a leading run axis."""
 
     t: Array  #: (..., 1) s
     dtheta: Array  #: (..., n_sub, 3) rad
     dvel: Array  #: (..., n_sub, 3) m/s
     gps_vel: Array  #: (..., 3) m/s East, North, Up; zeros without a fix
     gps_pos: Array  #: (..., 3) latitude rad, longitude rad, height m; zeros without a fix
-    gps_valid: NDArray[np.int8]  #: (..., 1) 1 when there is a fix at t
+    gps_valid: NDArray[np.int8]  #: (..., 1) 1 with a fix at t, else 0
 
 
 class Estimator(Protocol):
-    """The whole of the plug-in contract; nothing needs to be imported to meet it.
+    """The contract that an estimator meets; it needs to import or inherit nothing.
 
-    ``batched``: True if ``step`` takes observations with a leading run axis (it must take them without, too).
-    ``rng`` is one Generator, or for a batch a sequence with one per run.
-    An optional ``covariance()`` returns that of the corrected errors: (..., 3, 3) rad^2 in the order E, N, U; in navigation
-    (..., 9, 9) of phi rad, velocity m/s and position m.
+    An estimator may have a method ``covariance()``, which returns that of the corrected errors: (..., 3, 3) in rad^2 in the
+    order E, N, U. In navigation it is (..., 9, 9), of phi in rad, velocity in m/s and position in m.
+    See docs/tasks_and_scores.md#estimator-contract.
     """
 
-    batched: bool
+    batched: bool  #: whether ``step`` takes observations with a leading run axis; it must take them without, too
 
-    def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None: ...
+    def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
+        """Begin an episode; ``rng`` is one generator, or for a batch a sequence with one for each run."""
+        ...
 
-    def step(self, obs: Observation) -> Array: ...
+    def step(self, obs: Observation) -> Array:
+        """Return the estimate at the end of this epoch: (..., 4), or (..., 10) if ``task.navigate``."""
+        ...
