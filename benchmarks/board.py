@@ -25,7 +25,7 @@ from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.rows import criteria_text
 from sins_env.evaluation.store.schema import COLUMNS
 from sins_env.evaluation.store.store import Store
-from sins_env.evaluation.tasks.task import get_task
+from sins_env.evaluation.tasks.catalogue import get_task
 
 TASKS = ("sway-white-v0", "sway-markov-v0", "sway-told-wrong-v0", "sway-jump-v0", "sway-heavytail-v0")
 BOARD = [sys.executable, "-c", "from sins_env.cli.main import main; raise SystemExit(main())", "board", "--db"]

@@ -24,7 +24,7 @@ from threadpoolctl import threadpool_limits
 from sins_env.checks import unknown
 from sins_env.evaluation.estimators.memory import keep_freed_memory
 from sins_env.evaluation.speed.timing import Probe
-from sins_env.evaluation.tasks.task import get_task
+from sins_env.evaluation.tasks.catalogue import get_task
 from solvers.filters import FILTERS, make_filter, names
 from solvers.pipeline.estimator import Aligner
 from solvers.types import Gaussian, Measurement, Transition

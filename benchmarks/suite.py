@@ -12,7 +12,8 @@ from typing import NamedTuple
 import zoo
 
 from sins_env.evaluation.store.filling import Evaluation
-from sins_env.evaluation.tasks.task import TASKS, EvaluationTask, get_task
+from sins_env.evaluation.tasks.catalogue import TASKS, get_task
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 YARDSTICK = "ckf"
 

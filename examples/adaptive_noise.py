@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import solvers
-from sins_env.evaluation.tasks.task import get_task
+from sins_env.evaluation.tasks.catalogue import get_task
 
 RUNS, DURATION = 16, 150.0
 UNIT = {"velocity": (0, 1e3, "mm/s"), "attitude": (4, 180 / np.pi * 3600, "arcsec")}  # state, factor

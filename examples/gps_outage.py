@@ -15,7 +15,7 @@ from rich.table import Table
 
 from sins_env.evaluation import evaluate
 from sins_env.evaluation.play.criteria import COMPONENTS
-from sins_env.evaluation.tasks.task import TASKS, get_task
+from sins_env.evaluation.tasks.catalogue import TASKS, get_task
 
 OUTAGE_S = 60.0
 EAST, NORTH, UP = (COMPONENTS.index(f"pos_{axis}") for axis in "enu")

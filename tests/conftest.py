@@ -9,7 +9,7 @@ from oracles import recorded as files
 from places import ROOT
 
 from sins_env.cli.main import main
-from sins_env.evaluation.tasks import task
+from sins_env.evaluation.tasks import catalogue
 
 os.environ.setdefault("SINS_ENV_DATA", str(ROOT.parent / "shared" / "data"))
 
@@ -49,7 +49,7 @@ def driven(tmp_path):
 @pytest.fixture
 def short(monkeypatch):
     """The short task, registered under its name for the time of a test."""
-    monkeypatch.setitem(task.TASKS, SHORT.name, SHORT)
+    monkeypatch.setitem(catalogue.TASKS, SHORT.name, SHORT)
     return SHORT
 
 

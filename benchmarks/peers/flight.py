@@ -14,7 +14,7 @@ import numpy as np
 import solvers
 from sins_env import attitude, earth
 from sins_env.evaluation.speed.timing import Probe
-from sins_env.evaluation.tasks.task import get_task
+from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.types import NavState, Observation, Rng, Task
 from solvers.types import Array
 

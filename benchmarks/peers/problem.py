@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from peers.plain_map import coefficients, plain
 from sins_env.evaluation.speed.timing import Probe
-from sins_env.evaluation.tasks.task import get_task
+from sins_env.evaluation.tasks.catalogue import get_task
 from solvers.blocks.moments import tangent
 from solvers.pipeline.errors.alignment import AlignmentErrors
 from solvers.pipeline.estimator import Aligner

@@ -12,8 +12,9 @@ from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.score.metrics import Summary
 from sins_env.evaluation.score.paired import Comparison, compare
 from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.tasks.catalogue import TASKS, get_task
 from sins_env.evaluation.tasks.fingerprint import digest
-from sins_env.evaluation.tasks.task import TASKS, EvaluationTask, get_task
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 __all__ = [
     "TASKS",

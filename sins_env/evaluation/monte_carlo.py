@@ -16,7 +16,8 @@ from sins_env.evaluation.play.pool import Processes
 from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.score.results import Results, summarise
 from sins_env.evaluation.speed.cost import Cost, measure_cost
-from sins_env.evaluation.tasks.task import EvaluationTask, get_task, run_numbers, suite_hash
+from sins_env.evaluation.tasks.catalogue import get_task
+from sins_env.evaluation.tasks.task import EvaluationTask, run_numbers, suite_hash
 
 #: simulated seconds done, and in all, summed over runs
 Report = Callable[[float, float], None]

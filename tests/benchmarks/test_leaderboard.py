@@ -11,7 +11,7 @@ from places import ROOT
 
 import solvers
 from sins_env.evaluation.store.store import Store
-from sins_env.evaluation.tasks import task as tasks
+from sins_env.evaluation.tasks import catalogue as tasks
 
 
 @pytest.fixture(scope="module")
@@ -51,12 +51,12 @@ def test_every_solver_says_in_a_line_what_it_is_and_where_it_is_from(benchmarks)
     )
 
 
-def test_the_suite_has_every_solver_and_the_yardstick_on_every_task(benchmarks):
+def test_the_suite_has_every_solver_and_the_yardstick_on_each_of_its_tasks(benchmarks):
     suite = benchmarks.suite
     by_task = {}
     for portion in suite.SUITE:
         by_task.setdefault(portion.task, []).extend(portion.solvers)
-    assert set(by_task) == set(tasks.names())
+    assert set(by_task) <= set(tasks.names())
     assert sorted(by_task["sway-white-v0"]) == solvers.names()
     for task, names in by_task.items():
         assert suite.YARDSTICK in names, task

@@ -15,7 +15,7 @@ from places import ROOT
 import sins_env
 from sins_env.cli.describe import listing
 from sins_env.evaluation.estimators import finding, version
-from sins_env.evaluation.tasks import task as tasks
+from sins_env.evaluation.tasks import catalogue as tasks
 from sins_env.types import Observation
 
 PLUGIN = "evaluation.plugins:"

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from sins_env.evaluation.tasks.task import get_task
+from sins_env.evaluation.tasks.catalogue import get_task
 
 _WHITE = get_task("sway-white-v0")
 SHORT = dataclasses.replace(

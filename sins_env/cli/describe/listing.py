@@ -26,7 +26,8 @@ from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.show.footer import order
 from sins_env.evaluation.show.style import titled
-from sins_env.evaluation.tasks.task import TASKS, EvaluationTask, suite_hash
+from sins_env.evaluation.tasks.catalogue import TASKS
+from sins_env.evaluation.tasks.task import EvaluationTask, suite_hash
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS
 from sins_env.worlds.profiles import PROFILES, is_flight
 

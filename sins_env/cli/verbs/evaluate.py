@@ -14,7 +14,8 @@ from sins_env.evaluation.show import error_figure, terminal_tables
 from sins_env.evaluation.store.filling import Evaluation, fill
 from sins_env.evaluation.store.key import canonical
 from sins_env.evaluation.store.store import Store
-from sins_env.evaluation.tasks.task import EvaluationTask, get_task
+from sins_env.evaluation.tasks.catalogue import get_task
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 
 def _pairs(given: Namespace) -> list[tuple[EvaluationTask, str]]:

@@ -13,7 +13,8 @@ from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.estimators.isolation import check_timeout
 from sins_env.evaluation.play.playing import Job, Observer, made, play
 from sins_env.evaluation.play.records import Records
-from sins_env.evaluation.tasks.task import EvaluationTask, get_task, run_numbers
+from sins_env.evaluation.tasks.catalogue import get_task
+from sins_env.evaluation.tasks.task import EvaluationTask, run_numbers
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.estimators.memory import keep_freed_memory
 from sins_env.evaluation.speed.timing import Probe
-from sins_env.evaluation.tasks.task import EvaluationTask, get_task
+from sins_env.evaluation.tasks.catalogue import get_task
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 BATCHES = (256, 1)
 WARM_UP, BLOCK = 20, 20  #: epochs

@@ -41,8 +41,9 @@ from sins_env.evaluation.store.rows import (
     to_span,
 )
 from sins_env.evaluation.store.schema import COLUMNS, KEY, SPAN_COLUMNS, TROUBLE
+from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.fingerprint import digest
-from sins_env.evaluation.tasks.task import EvaluationTask, get_task
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 _OF_KEY = " AND ".join(f"{name} = ?" for name in KEY[:-1])
 _WITH_SPANS = "runs LEFT JOIN spans USING (id)"

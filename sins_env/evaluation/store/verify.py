@@ -23,8 +23,9 @@ from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.rows import binding, definition_text
 from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.tasks.catalogue import TASKS
 from sins_env.evaluation.tasks.fingerprint import digest
-from sins_env.evaluation.tasks.task import TASKS, suite_hash
+from sins_env.evaluation.tasks.task import suite_hash
 
 TOLERANCE = 1e-9  #: relative; of a navigation task, where batches round otherwise, to the spread of the start at least
 NEES_SIZE = 1e4  #: there it is an error so rounded over a standard deviation that is so many times smaller

@@ -18,8 +18,6 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 from sins_env.arrays import Array
-from sins_env.checks import unknown
-from sins_env.evaluation.tasks.catalogue import DEFINITIONS
 from sins_env.units import ARCSEC, DEG
 
 
@@ -156,24 +154,3 @@ def suite_hash(task: EvaluationTask, suite_seed: int | None = None) -> str:
 def seed_hash(seed: int) -> str:
     """What is published of a secret suite seed beforehand: 64 hex digits of SHA-256."""
     return hashlib.sha256(f"sins-env suite {seed}".encode()).hexdigest()
-
-
-TASKS: dict[str, EvaluationTask] = {given["name"]: EvaluationTask(**given) for given in DEFINITIONS}
-
-
-def names() -> list[str]:
-    """The names of all tasks."""
-    return list(TASKS)
-
-
-def get_task(name: str | EvaluationTask) -> EvaluationTask:
-    """A task by name; a task is passed through.
-
-    Raises:
-        ValueError: an unknown name; the nearest one is offered.
-    """
-    if isinstance(name, EvaluationTask):
-        return name
-    if name not in TASKS:
-        raise unknown("task", name, TASKS)
-    return TASKS[name]

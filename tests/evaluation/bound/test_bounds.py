@@ -13,7 +13,7 @@ from sins_env.evaluation import get_task
 from sins_env.evaluation.bound import bounds
 from sins_env.evaluation.bound.error_dynamics import ErrorModel, Truth, true_motion
 from sins_env.evaluation.bound.fisher import fisher_factor
-from sins_env.evaluation.tasks import task as tasks
+from sins_env.evaluation.tasks import catalogue as tasks
 from sins_env.specs import GpsSpec
 from sins_env.types import NavState
 from sins_env.units import ARCSEC, DEG

@@ -14,7 +14,7 @@ from sins_env.evaluation.bound import bounds, error_dynamics
 from sins_env.evaluation.bound.error_dynamics import PHI, POS, VEL, ErrorModel, true_motion
 from sins_env.evaluation.bound.fisher import fisher_factor
 from sins_env.evaluation.play.criteria import Criteria
-from sins_env.evaluation.tasks import task as tasks
+from sins_env.evaluation.tasks import catalogue as tasks
 from sins_env.specs import GpsSpec
 from sins_env.types import NavState
 from sins_env.units import ARCSEC, DEG, DEG_PER_H, UG

@@ -21,7 +21,8 @@ from sins_env.evaluation.show import columns, footer, numbers
 from sins_env.evaluation.speed.cost import Cost
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
-from sins_env.evaluation.tasks.task import get_task, suite_hash
+from sins_env.evaluation.tasks.catalogue import get_task
+from sins_env.evaluation.tasks.task import suite_hash
 from sins_env.units import ARCSEC, DEG
 
 TASK, UNSCORED = get_task("sway-white-v0"), get_task("rlg-car-v0")

@@ -14,7 +14,8 @@ from sins_env.evaluation.reproduction.documents.thesis_filters import LEVELS, MA
 from sins_env.evaluation.reproduction.readings.common import quotient
 from sins_env.evaluation.reproduction.readings.sway import largest, settling, wander
 from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, REPRODUCED, Estimate, Printed, verdicts
-from sins_env.evaluation.tasks.task import get_task, run_seed
+from sins_env.evaluation.tasks.catalogue import get_task
+from sins_env.evaluation.tasks.task import run_seed
 
 NUMBERS = ("3.1", "3.2", "3.3", "3.4", "4.1", "4.2", "4.3", "4.4", "5.1", "5.2", "5.3", "5.4")
 

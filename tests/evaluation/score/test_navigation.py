@@ -25,7 +25,8 @@ from sins_env.evaluation.show import plain_tables, terminal_tables
 from sins_env.evaluation.speed.cost import Cost
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
-from sins_env.evaluation.tasks import task as tasks
+from sins_env.evaluation.tasks import catalogue
+from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.units import DEG
 
 EPOCH, K, FROM = 0.1, 1000, 200
@@ -35,7 +36,7 @@ CRITERIA = Criteria(
     EPOCH, K, 0, np.array([1e-3, 1e-3, 1e-2]), LIMIT, 30.0, navigates=True, span_from=FROM + 1, final_limit=5 * DEG
 )
 PLUGIN = "evaluation.plugins:FollowsFixes"
-FLIGHT = tasks.EvaluationTask(
+FLIGHT = EvaluationTask(
     "short-flight-v0", "short flight", "here", "SINS/NavFlight-v0", 5.0, 20_000.0,
     {"profile": "sun2012", "duration": 20.0}, hold_s=5.0, score_from_s=5.0, rank_by="position",
 )  # fmt: skip
@@ -43,7 +44,7 @@ FLIGHT = tasks.EvaluationTask(
 
 @pytest.fixture
 def flight(monkeypatch):
-    monkeypatch.setitem(tasks.TASKS, FLIGHT.name, FLIGHT)
+    monkeypatch.setitem(catalogue.TASKS, FLIGHT.name, FLIGHT)
     return FLIGHT
 
 

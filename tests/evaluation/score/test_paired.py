@@ -12,7 +12,7 @@ from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.play.scoring import score
 from sins_env.evaluation.score import paired, ranking, resampling
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.tasks.task import get_task
+from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.units import ARCSEC
 
 TASK = get_task("sway-white-v0")

@@ -17,7 +17,7 @@ from sins_env.evaluation.score import ranking
 from sins_env.evaluation.show import columns, error_figure, numbers, plain_tables, run_figure, style, terminal_tables
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
-from sins_env.evaluation.tasks import task as tasks
+from sins_env.evaluation.tasks import catalogue as tasks
 from sins_env.evaluation.tasks.task import EvaluationTask
 
 HERE = "evaluation.plugins:"

@@ -13,7 +13,7 @@ from sins_env import recordings
 from sins_env.evaluation import compare, evaluate
 from sins_env.evaluation.score import ranking
 from sins_env.evaluation.show import error_figure, plain_tables
-from sins_env.evaluation.tasks import task as tasks
+from sins_env.evaluation.tasks import catalogue as tasks
 from sins_env.evaluation.tasks.task import EvaluationTask
 
 SOLVER = "evaluation.replay.test_track:Driven"

@@ -18,7 +18,7 @@ from sins_env.evaluation.score.consistency import Nees, nees_band
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show import columns, error_figure, numbers, plain_tables, terminal_tables
 from sins_env.evaluation.speed.cost import Cost
-from sins_env.evaluation.tasks.task import get_task
+from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.units import ARCSEC
 
 TASK = get_task("sway-white-v0")

@@ -20,7 +20,7 @@ from sins_env.evaluation.show import columns, error_figure, footer, plain_tables
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.store.verify import compare_runs
-from sins_env.evaluation.tasks.task import get_task
+from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.units import DEG
 
 

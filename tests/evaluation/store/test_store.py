@@ -18,8 +18,8 @@ from sins_env.evaluation.store.database import StoreError
 from sins_env.evaluation.store.key import Key, canonical
 from sins_env.evaluation.store.schema import SCHEMA_VERSION
 from sins_env.evaluation.store.store import Store
-from sins_env.evaluation.tasks import fingerprint
-from sins_env.evaluation.tasks import task as tasks
+from sins_env.evaluation.tasks import catalogue, fingerprint
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 
 @pytest.fixture
@@ -223,8 +223,8 @@ def test_a_table_needs_no_definition_and_no_bound_but_those_in_the_file(tmp_path
     with Store(tmp_path / "r.sqlite") as db:
         db.add_task(short)
         db.add(key, results.records)
-    monkeypatch.delitem(tasks.TASKS, "short-v0")
-    monkeypatch.setattr(tasks.EvaluationTask, "make", None)
+    monkeypatch.delitem(catalogue.TASKS, "short-v0")
+    monkeypatch.setattr(EvaluationTask, "make", None)
     with Store(tmp_path / "r.sqlite", read_only=True) as db:
         found = db.results(key)
     assert found.task == short

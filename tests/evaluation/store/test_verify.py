@@ -14,6 +14,7 @@ from sins_env.evaluation.estimators import version
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.store.verify import compare_runs, verify
+from sins_env.evaluation.tasks import catalogue
 from sins_env.evaluation.tasks import task as tasks
 
 PLUGIN = "evaluation.plugins:"
@@ -104,7 +105,7 @@ def test_what_cannot_be_verified(short, monkeypatch):
     reasons = " | ".join(found.left_out)
     for part in ("0.0.9+deadbeef", "no solver nobodys here", "--seed must be given"):
         assert part in reasons
-    monkeypatch.delitem(tasks.TASKS, "short-v0")
+    monkeypatch.delitem(catalogue.TASKS, "short-v0")
     found = check()
     assert found.runs == 0
     assert found.left_out == {"short-v0 is no task of this version": 10}

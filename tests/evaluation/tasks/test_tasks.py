@@ -2,14 +2,19 @@
 
 import dataclasses
 import json
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sins_env import attitude
 from sins_env.evaluation import digest, get_task
-from sins_env.evaluation.tasks import task as tasks
+from sins_env.evaluation.tasks import catalogue as tasks
+from sins_env.evaluation.tasks import suite
 from sins_env.evaluation.tasks.task import EvaluationTask, run_seed, solver_rng, suite_hash
+
+ROOT = Path(__file__).resolve().parents[2]
 
 #: A change here means that old results no longer compare: give the task a new version instead.
 DIGESTS = {
@@ -177,3 +182,51 @@ def test_kwargs_are_json():
         with pytest.raises(dataclasses.FrozenInstanceError):
             task.suite_seed = 1
         assert isinstance(task, EvaluationTask)
+
+
+@pytest.fixture
+def added(tmp_path, monkeypatch):
+    """Write a file into the suite; what the catalogue then finds."""
+    monkeypatch.setattr(suite, "__path__", [*suite.__path__, str(tmp_path)])
+
+    def add(name, text):
+        (tmp_path / f"{name}.py").write_text(text)
+        monkeypatch.delitem(sys.modules, f"{suite.__name__}.{name}", raising=False)
+        return tasks._by_name()
+
+    return add
+
+
+ONE_MORE = """
+from dataclasses import replace
+from sins_env.evaluation.tasks.suite.swaying_base import TASKS as SWAY
+TASKS = (replace(SWAY[0], name={!r}),)
+"""
+
+
+def test_a_new_task_is_one_new_file(added):
+    """It stands with those of its environment; the others stay as they are."""
+    found = added("zz_mine", ONE_MORE.format("sway-mine-v0"))
+    assert [name for name in found if name != "sway-mine-v0"] == tasks.names()
+    assert list(found).index("sway-mine-v0") == list(found).index("sway-anyheading-v0") + 1
+
+
+def test_a_file_of_tasks_that_is_none(added):
+    with pytest.raises(ImportError, match=r"suite.empty_one: TASKS = None; allowed: a tuple of EvaluationTask"):
+        added("empty_one", "")
+
+
+def test_two_tasks_of_one_name(added):
+    with pytest.raises(ImportError, match="zz_twin: a second task sway-white-v0"):
+        added("zz_twin", ONE_MORE.format("sway-white-v0"))
+
+
+def test_sources_are_documents_or_pages_that_exist():
+    for name in tasks.names():
+        source = get_task(name).source
+        page, _, anchor = source.partition("#")
+        if page.endswith(".md"):
+            titles = [line.strip("# \n").lower() for line in (ROOT / page).read_text().splitlines() if line[:1] == "#"]
+            assert anchor.replace("-", " ") in titles, name
+        else:
+            assert source[:3] in ("000", "001", "002", "003", "004"), name

@@ -7,7 +7,7 @@ from typing import Any
 from sins_env.evaluation.reproduction.readings.car import azimuth
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
 from sins_env.evaluation.reproduction.verdicts import Printed
-from sins_env.evaluation.tasks.catalogue import VEHICLE_HEADINGS_DEG, VEHICLE_SCENES
+from sins_env.evaluation.tasks.suite.standing_base import VEHICLE_HEADINGS_DEG, VEHICLE_SCENES
 from sins_env.evaluation.tasks.task import EvaluationTask
 
 RECORDS = 10  #: behind each printed figure

@@ -12,7 +12,8 @@ from sins_env.evaluation.reproduction.readings.car import azimuth, level, of_rec
 from sins_env.evaluation.reproduction.readings.common import Reader
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
 from sins_env.evaluation.reproduction.verdicts import Printed
-from sins_env.evaluation.tasks.task import EvaluationTask, get_task
+from sins_env.evaluation.tasks.catalogue import get_task
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 RUNS, QUICK = 120, 12  #: of all three positions
 LAST_POINTS = 20  #: whose mean is the result of the mixed filter; at 1 Hz here

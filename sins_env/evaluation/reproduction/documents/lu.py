@@ -19,7 +19,8 @@ from sins_env.evaluation.reproduction.readings.common import (
 )
 from sins_env.evaluation.reproduction.tables import Group, Line, Source, Table
 from sins_env.evaluation.reproduction.verdicts import Said
-from sins_env.evaluation.tasks.task import EvaluationTask, get_task
+from sins_env.evaluation.tasks.catalogue import get_task
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 RUNS, QUICK = 40, 3
 

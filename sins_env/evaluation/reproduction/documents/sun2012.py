@@ -9,7 +9,8 @@ from sins_env.evaluation.reproduction.readings.common import armse, ratio_of_arm
 from sins_env.evaluation.reproduction.tables import Group, Line, Source, Table
 from sins_env.evaluation.reproduction.verdicts import Printed, PrintedRatio, Said
 from sins_env.evaluation.score.quantities import QUANTITIES
-from sins_env.evaluation.tasks.task import EvaluationTask, get_task
+from sins_env.evaluation.tasks.catalogue import get_task
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 RUNS, QUICK = 400, 20  #: fewer do not tell the headings apart
 

@@ -26,7 +26,8 @@ from sins_env.evaluation.reproduction.readings.common import (
 from sins_env.evaluation.reproduction.readings.sway import settling, wander
 from sins_env.evaluation.reproduction.tables import Group, Line, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import Print, Printed, Said
-from sins_env.evaluation.tasks.task import EvaluationTask, get_task
+from sins_env.evaluation.tasks.catalogue import get_task
+from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.units import ARCSEC
 
 RUNS, QUICK = 40, 5

@@ -15,7 +15,7 @@ from sins_env.evaluation.reproduction.readings.common import armse, failed, medi
 from sins_env.evaluation.reproduction.tables import Claim, Group, Line, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import LUCK, Estimate, Said, root_mean_square
 from sins_env.evaluation.score import paired
-from sins_env.evaluation.tasks.task import get_task
+from sins_env.evaluation.tasks.catalogue import get_task
 
 RUNS = 200
 TRUE = {"q": 0.2, "Q": 0.4}  #: of example 1

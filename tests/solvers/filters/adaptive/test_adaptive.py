@@ -8,7 +8,7 @@ from oracles.problems import linear, look, spd, swing
 from scipy import stats
 
 import solvers
-from sins_env.evaluation.tasks.task import get_task
+from sins_env.evaluation.tasks.catalogue import get_task
 from solvers.filters import make_filter
 from solvers.filters.adaptive.aukf import LITERAL
 from solvers.types import Gaussian, Linear, Measurement, Transition

@@ -1,0 +1,23 @@
+"""Starts in flight with a heading that is told badly. docs/mathematics/simulation.md#flight-profiles."""
+
+from __future__ import annotations
+
+from sins_env.evaluation.tasks.task import EvaluationTask
+
+#: East, North, Up: standard deviations of the told attitude, deg; the last one names the task.
+SPREADS_DEG = ((5, 5, 30), (10, 10, 60), (20, 20, 90))
+
+TASKS = tuple(
+    EvaluationTask(
+        name=f"flight-hotstart{heading}-v0",
+        what=f"300 s at 40 m/s with one turn, told attitude wrong by {east}/{north}/{heading} deg (1 sigma)",
+        source="docs/mathematics/simulation.md#flight-profiles",
+        env_id="SINS/NavFlight-v0",
+        delta_azimuth_deg=0.4,
+        delta_level_arcsec=190.0,
+        kwargs={"profile": f"hotstart{heading}"},
+        rank_by="failures",
+        fail_azimuth_deg=5.0,
+    )
+    for east, north, heading in SPREADS_DEG
+)
