@@ -3,18 +3,16 @@
 import dataclasses
 import json
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from sins_env import attitude
 from sins_env.evaluation import digest, get_task
 from sins_env.evaluation.tasks import catalogue as tasks
 from sins_env.evaluation.tasks import suite
 from sins_env.evaluation.tasks.task import EvaluationTask, run_seed, solver_rng, suite_hash
-
-ROOT = Path(__file__).resolve().parents[2]
 
 #: A change here means that old results no longer compare: give the task a new version instead.
 DIGESTS = {
