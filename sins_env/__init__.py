@@ -18,12 +18,12 @@ misprints. The frames and errors are those of docs/mathematics/frames.md.
 Read the ground floor first: ``units``, ``types``, ``attitude``, ``earth``, ``specs``, ``presets``, ``prior``, ``motion``.
 Then follow the data: ``trajectory``, ``sensors``, ``recordings``, ``worlds``, ``envs``, ``evaluation``, ``cli``.
 
-Importing this package registers ``SINS/AlignSway-v0``, ``SINS/AlignStatic-v0``, ``SINS/AlignVehicle-v0``,
-``SINS/NavFlight-v0`` and ``SINS/Replay-v0`` with Gymnasium.
+Importing this package registers the environments of :mod:`sins_env.envs` with Gymnasium, but does not import Gymnasium:
+whichever of the two is imported first, ``gymnasium.make("SINS/AlignSway-v0")`` works once both are.
 """
 
 from sins_env import moved as _moved
-from sins_env.envs import register as _register
+from sins_env import registering as _registering
 from sins_env.prior import Prior
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS, GpsSpec, ImuSpec
 from sins_env.types import Estimator, NavState, Observation, Site, Task
@@ -44,4 +44,4 @@ __all__ = [
 ]
 
 _moved.install()
-_register()
+_registering.install()

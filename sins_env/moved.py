@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.abc
 import importlib.machinery
 import sys
 import warnings
@@ -166,11 +165,16 @@ def forward(old: str, new: Sequence[str]) -> Callable[[str], Any]:
     return find
 
 
-class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Finder of the old modules. Each is empty, and looks its names up in the new modules."""
+class _Finder:
+    """Finder and loader of the old modules. Each is empty, and looks its names up in the new modules."""
 
     def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> importlib.machinery.ModuleSpec | None:
-        return importlib.machinery.ModuleSpec(fullname, self) if fullname in MOVED else None
+        if fullname not in MOVED:
+            return None
+        return importlib.machinery.ModuleSpec(fullname, self)  # type: ignore[arg-type]  # importlib.abc is slow to import
+
+    def create_module(self, spec: importlib.machinery.ModuleSpec) -> None:
+        """None: an ordinary module."""
 
     def exec_module(self, module: ModuleType) -> None:
         new = MOVED[module.__name__].split()

@@ -1,21 +1,29 @@
-"""The Gymnasium environments. Importing :mod:`sins_env` registers their ids."""
+"""The Gymnasium environments. Importing this folder registers their ids, as ``import sins_env`` does in the end.
+
+Actions come in; observations, rewards and the errors behind them go out.
+Read ``environments``, which names each with its settings and its world, then ``base``, ``episode``, ``reward``, ``spaces``
+and ``rendering``.
+"""
 
 from __future__ import annotations
 
 import gymnasium
 
-_ENTRY_POINTS = {
-    "SINS/AlignSway-v0": "sins_env.envs.environments:AlignSway",
-    "SINS/AlignStatic-v0": "sins_env.envs.environments:AlignStatic",
-    "SINS/AlignVehicle-v0": "sins_env.envs.environments:AlignVehicle",
-    "SINS/NavFlight-v0": "sins_env.envs.environments:NavFlight",
-    "SINS/Replay-v0": "sins_env.envs.environments:Replay",
-}
-ENV_IDS = tuple(_ENTRY_POINTS)
+from sins_env.envs.environments import ENVIRONMENTS
+
+ENV_IDS = tuple(ENVIRONMENTS)
 
 
 def register() -> None:
-    """Register the ids; a second call changes nothing."""
-    for env_id, entry in _ENTRY_POINTS.items():
+    """Register every environment; a second call changes nothing."""
+    for env_id, vector in ENVIRONMENTS.items():
         if env_id not in gymnasium.registry:
-            gymnasium.register(env_id, entry_point=f"{entry}Env", vector_entry_point=f"{entry}VectorEnv")
+            gymnasium.register(env_id, entry_point=_path(vector.single), vector_entry_point=_path(vector))
+
+
+def _path(cls: type) -> str:
+    """The class as ``module:name``, so that a spec can be written as JSON."""
+    return f"{cls.__module__}:{cls.__qualname__}"
+
+
+register()

@@ -54,12 +54,15 @@ def _check_action(action: Any, space: gymnasium.Space[Any], navigate: bool) -> A
 
 
 class EpisodeEnv(gymnasium.Env[Obs, Array]):
-    """One episode. The keyword arguments are the fields of ``settings``, from which ``world`` makes the world."""
+    """One episode. The keyword arguments are the fields of ``settings``, from which ``world`` makes the world.
+
+    A subclass is an environment: it names its id, its settings and its world.
+    """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # type: ignore[misc]
     env_id: ClassVar[str]
     settings: ClassVar[type]
-    world: Callable[..., World]
+    world: ClassVar[Callable[..., World]]  #: takes the id and the settings
 
     @classmethod
     def make_world(cls, settings: dict[str, Any]) -> World:
@@ -68,7 +71,7 @@ class EpisodeEnv(gymnasium.Env[Obs, Array]):
         Raises:
             ValueError: an unknown keyword, with the nearest that exists, or a value that is not allowed.
         """
-        return cls.world(checks.build(cls.settings, settings, cls.env_id))
+        return cls.world(cls.env_id, checks.build(cls.settings, settings, cls.env_id))
 
     def __init__(self, render_mode: str | None = None, *, reveal_truth: bool = False, **settings: Any) -> None:
         self.render_mode = _check_render_mode(render_mode)

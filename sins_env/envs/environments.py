@@ -1,4 +1,4 @@
-"""The environments that Gymnasium makes: each names its settings and its world; the vector form names the single one."""
+"""The environments: each names its id, its settings and its world, and below it its vector form names it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,11 @@ class AlignSwayEnv(EpisodeEnv):
 
     env_id = "SINS/AlignSway-v0"
     settings = AlignSettings
-    world = staticmethod(partial(SwayWorld, env_id, still=False))
+    world = partial(SwayWorld, still=False)
+
+
+class AlignSwayVectorEnv(EpisodeVectorEnv):
+    single = AlignSwayEnv
 
 
 class AlignStaticEnv(EpisodeEnv):
@@ -25,7 +29,11 @@ class AlignStaticEnv(EpisodeEnv):
 
     env_id = "SINS/AlignStatic-v0"
     settings = AlignSettings
-    world = staticmethod(partial(SwayWorld, env_id, still=True))
+    world = partial(SwayWorld, still=True)
+
+
+class AlignStaticVectorEnv(EpisodeVectorEnv):
+    single = AlignStaticEnv
 
 
 class AlignVehicleEnv(EpisodeEnv):
@@ -33,7 +41,11 @@ class AlignVehicleEnv(EpisodeEnv):
 
     env_id = "SINS/AlignVehicle-v0"
     settings = VehicleSettings
-    world = staticmethod(VehicleWorld)
+    world = VehicleWorld
+
+
+class AlignVehicleVectorEnv(EpisodeVectorEnv):
+    single = AlignVehicleEnv
 
 
 class NavFlightEnv(EpisodeEnv):
@@ -41,7 +53,11 @@ class NavFlightEnv(EpisodeEnv):
 
     env_id = "SINS/NavFlight-v0"
     settings = FlightSettings
-    world = staticmethod(FlightWorld)
+    world = FlightWorld
+
+
+class NavFlightVectorEnv(EpisodeVectorEnv):
+    single = NavFlightEnv
 
 
 class ReplayEnv(EpisodeEnv):
@@ -49,23 +65,7 @@ class ReplayEnv(EpisodeEnv):
 
     env_id = "SINS/Replay-v0"
     settings = ReplaySettings
-    world = staticmethod(ReplayWorld)
-
-
-class AlignSwayVectorEnv(EpisodeVectorEnv):
-    single = AlignSwayEnv
-
-
-class AlignStaticVectorEnv(EpisodeVectorEnv):
-    single = AlignStaticEnv
-
-
-class AlignVehicleVectorEnv(EpisodeVectorEnv):
-    single = AlignVehicleEnv
-
-
-class NavFlightVectorEnv(EpisodeVectorEnv):
-    single = NavFlightEnv
+    world = ReplayWorld
 
 
 class ReplayVectorEnv(EpisodeVectorEnv):
@@ -76,3 +76,9 @@ class ReplayVectorEnv(EpisodeVectorEnv):
     """
 
     single = ReplayEnv
+
+
+#: Every environment by its id, in its vector form, which names the single one.
+ENVIRONMENTS: dict[str, type[EpisodeVectorEnv]] = {
+    vector.single.env_id: vector for vector in EpisodeVectorEnv.__subclasses__()
+}

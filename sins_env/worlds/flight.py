@@ -29,7 +29,6 @@ from sins_env.worlds.settings import (
 from sins_env.worlds.simulated import SimulatedWorld
 from sins_env.worlds.world import told_start
 
-ENV_ID = "SINS/NavFlight-v0"
 ERRORS = ("drawn", "fixed")  #: allowed values of ``errors``
 
 
@@ -139,7 +138,7 @@ class FlightSettings(Timed):
         """Whether the errors of the told start are drawn from the Gaussian that a matched prior states."""
         return self.start == "told" and self.misalignment is None
 
-    def task(self) -> Task:
+    def task(self, env_id: str) -> Task:
         """Return what estimators are told; the reset of an episode fills in its start."""
         imu, gps, site = self.imu_true, self.gps_true, self.base.plan.site
         if self.start == "told":
@@ -154,7 +153,7 @@ class FlightSettings(Timed):
             position_std_m=self.position_std_m,
         )
         return Task(
-            id=ENV_ID,
+            id=env_id,
             site=site,
             epoch_s=self.epoch,
             n_sub=self.n_sub,
@@ -200,8 +199,8 @@ def coarse_std_deg(imu: ImuSpec, site: Site, coarse_s: float) -> tuple[float, ..
 class FlightWorld(SimulatedWorld):
     """A flight, the same in every run, with sensors and a start that differ."""
 
-    def __init__(self, settings: FlightSettings) -> None:
-        self.settings, self.task = settings, settings.task()
+    def __init__(self, env_id: str, settings: FlightSettings) -> None:
+        self.settings, self.task = settings, settings.task(env_id)
         task = self.task
         self.trajectory = Flight(settings.base.plan, task.epoch_s, task.n_sub)
         self.imu = Imu(settings.imu_true, task.epoch_s / task.n_sub, settings.script)

@@ -34,7 +34,7 @@ class ReplayWorld(ChunkedWorld):
         FileNotFoundError: no such recording.
     """
 
-    def __init__(self, settings: ReplaySettings) -> None:
+    def __init__(self, env_id: str, settings: ReplaySettings) -> None:
         self.settings = settings
         self.recording = recordings.load(settings.recording)
         self.scored = self.recording.reference is not None
@@ -67,7 +67,7 @@ class ReplayWorld(ChunkedWorld):
         spread = TOLD_START_STD_DEG if told else COARSE_STD_DEG
         prior = PRIORS[settings.prior](imu, gps, settings.epoch, spread)
         self.task = Task(
-            id="SINS/Replay-v0",
+            id=env_id,
             site=self.recording.site,
             epoch_s=settings.epoch,
             n_sub=self.n_sub,

@@ -97,8 +97,8 @@ def check_events(given: Any) -> str | tuple[str, ...] | tuple[Event, ...]:
 class VehicleWorld(BaseWorld):
     """A parked car with an IMU, and a receiver or zero-velocity updates."""
 
-    def __init__(self, settings: VehicleSettings) -> None:
-        super().__init__("SINS/AlignVehicle-v0", settings)
+    def __init__(self, env_id: str, settings: VehicleSettings) -> None:
+        super().__init__(env_id, settings)
         self.settings: VehicleSettings = settings
         task, spec = self.task, settings.gps_true
         self.trajectory: Vehicle = Vehicle(

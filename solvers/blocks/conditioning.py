@@ -12,7 +12,7 @@ import math
 from functools import cache
 
 import numpy as np
-from scipy import stats
+from scipy.special import gammaincinv
 
 from sins_env.arrays import Array, Mask
 from solvers.blocks.square_root import cholesky, symmetrize
@@ -65,7 +65,7 @@ def nis(innovation: Innovation) -> Array:
 @cache
 def gate_limit(gate: float, m: int) -> float:
     """The NIS that a good innovation of ``m`` components stays within with probability ``gate``; inf for 1."""
-    return float(stats.chi2.ppf(gate, m))
+    return float(2.0 * gammaincinv(0.5 * m, gate))  # the quantile of chi-square; scipy.stats is slow to import
 
 
 def log_likelihood(innovation: Innovation) -> Array:

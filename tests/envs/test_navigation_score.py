@@ -52,7 +52,7 @@ class FixedSettings:
 class FixedEnv(EpisodeEnv):
     env_id = "SINS/Fixed-v0"
     settings = FixedSettings
-    world = staticmethod(lambda settings: Fixed(settings.scored))
+    world = staticmethod(lambda env_id, settings: Fixed(settings.scored))
 
 
 class FixedVectorEnv(EpisodeVectorEnv):

@@ -9,7 +9,6 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
@@ -21,6 +20,7 @@ from sins_env.cli.describe.recording import describe_recording, is_recording
 from sins_env.cli.output import check_plot, save_figure
 from sins_env.envs import ENV_IDS
 from sins_env.envs.base import EpisodeEnv
+from sins_env.envs.environments import ENVIRONMENTS
 from sins_env.evaluation import reproduction
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.play.progress import Bar
@@ -54,8 +54,7 @@ def _table(title: str, *columns: str) -> Table:
 
 
 def _env_class(env_id: str) -> type[EpisodeEnv]:
-    entry = gymnasium.spec(env_id).entry_point
-    return gymnasium.envs.registration.load_env_creator(str(entry))  # type: ignore[return-value]
+    return ENVIRONMENTS[env_id].single
 
 
 def _summary(text: str | None) -> str:

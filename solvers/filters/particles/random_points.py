@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from sins_env.arrays import Array
 from sins_env.checks import refused, whole
@@ -162,12 +161,16 @@ def _kakutani(u: Array, p: int) -> Array:
 
 @cache
 def _sobol(count: int, n: int) -> NDArray[np.int64]:
+    from scipy.stats import qmc  # slow to import, needed by quasi-random points only
+
     net = qmc.Sobol(n, bits=BITS, rng=np.random.default_rng(0)).random(1 << (count - 1).bit_length())
     return _shared((net[:count] * 2.0**BITS).astype(np.int64))
 
 
 @cache
 def _halton(count: int, n: int) -> Array:
+    from scipy.stats import qmc  # as for Sobol's points
+
     return _shared(qmc.Halton(n, rng=np.random.default_rng(0)).random(count))
 
 

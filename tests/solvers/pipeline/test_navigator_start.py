@@ -20,7 +20,7 @@ C = attitude.to_dcm(Q)
 
 @pytest.fixture
 def task():
-    task = FlightSettings(duration=30.0).task()
+    task = FlightSettings(duration=30.0).task("SINS/NavFlight-v0")
     gps = dataclasses.replace(task.gps, lever_arm_m=LEVER)
     more = {"epoch_s": EPOCH, "n_sub": N_SUB, "coarse_s": COARSE, "gps": gps, "start": None}
     return dataclasses.replace(task, duration_s=30.0, **more)

@@ -1,0 +1,71 @@
+"""What an import brings along, and that Gymnasium knows the environments in whichever order the two are imported."""
+
+import os
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import gymnasium
+import pytest
+
+from sins_env.envs import ENV_IDS, environments
+
+ROOT = Path(__file__).resolve().parents[1]
+HEAVY = ("gymnasium", "matplotlib", "rich", "filterpy", "yaml", "scipy.stats")
+MAKE = "assert gymnasium.make('SINS/AlignSway-v0', start='told', duration=1.0).reset(seed=1)"
+
+
+def fresh(code, *options, **environment):
+    """Standard output of a new interpreter, in which warnings are errors."""
+    line = [sys.executable, "-W", "error", *options, "-c", code]
+    done = subprocess.run(line, cwd="/", env={**os.environ, **environment}, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return done.stdout
+
+
+@pytest.mark.parametrize("module", ["sins_env", "solvers", "sins_env.recordings", "sins_env.cli.grammar"])
+def test_heavy_packages_stay_out(module):
+    loaded = fresh(f"import sys, {module}; print(*sys.modules)").split()
+    assert [name for name in HEAVY if name in loaded] == []
+
+
+def test_nothing_needs_scipy_stats_to_be_imported():
+    code = "import sys, sins_env.cli.describe.listing, sins_env.cli.verbs.run, sins_env.cli.verbs.reproduce; print(*sys.modules)"
+    assert {"scipy.stats", "matplotlib", "yaml", "filterpy"}.isdisjoint(fresh(code).split())
+
+
+ORDERS = {
+    "Gymnasium last": f"import sins_env, gymnasium; {MAKE}",
+    "Gymnasium first": f"import gymnasium, sins_env; {MAKE}",
+    "by the solvers": f"import solvers, gymnasium; {MAKE}",
+    "by a part of it": f"import sins_env, gymnasium.vector, gymnasium; {MAKE}",
+    "after a look for it": f"import sins_env, importlib.util; importlib.util.find_spec('gymnasium'); import gymnasium; {MAKE}",
+    "an environment first": f"from sins_env.envs.base import EpisodeEnv; import gymnasium; {MAKE}",
+    "by Gymnasium": "import gymnasium; gymnasium.make('sins_env:SINS/AlignSway-v0', start='told', duration=1.0)",
+}
+
+
+@pytest.mark.parametrize("order", ORDERS.values(), ids=ORDERS)
+def test_every_order_from_a_checkout_that_is_not_installed(order):
+    """Without ``site`` no package is installed: the checkout and its dependencies are folders on the path."""
+    packages = sysconfig.get_paths()["purelib"]
+    fresh(order, "-S", PYTHONPATH=f"{ROOT}{os.pathsep}{packages}")
+
+
+@pytest.mark.parametrize("order", ["Gymnasium last", "Gymnasium first"])
+def test_both_orders_of_what_is_installed(order):
+    fresh(ORDERS[order])
+
+
+def test_a_class_is_all_that_an_environment_needs():
+    """Every class with an id is registered, under its own path, alone and as a vector."""
+    classes = [cls for cls in vars(environments).values() if isinstance(cls, type) and "env_id" in vars(cls)]
+    assert len(classes) == 5
+    for cls in classes:
+        spec = gymnasium.spec(cls.env_id)
+        assert spec.entry_point == f"sins_env.envs.environments:{cls.__name__}"
+        assert spec.vector_entry_point == f"sins_env.envs.environments:{cls.__name__.removesuffix('Env')}VectorEnv"
+        assert gymnasium.envs.registration.EnvSpec.from_json(spec.to_json()).id == cls.env_id
+    assert {cls.env_id for cls in classes} == set(ENV_IDS)
