@@ -1,4 +1,8 @@
-"""The Gymnasium side that all ids share, single and native vector. Both wrap the same :class:`Episode`, so their bits agree."""
+"""The Gymnasium interface of all environments, single and vector.
+
+Both forms wrap the same :class:`Episode`, so that their numbers are the same to the last bit.
+See docs/tasks_and_scores.md#environment-contract.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +32,7 @@ def _check_render_mode(render_mode: str | None) -> str | None:
 
 
 def _check_seeds(seed: Any, rows: int) -> list[int | None]:
-    """One seed per row: an int is that of row 0, and the others follow on; a list is taken as it is."""
+    """Return one seed for each row. A whole number is that of row 0, and the other rows follow one by one."""
 
     def fits(value: Any) -> bool:
         return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and bool(value >= 0)
@@ -54,9 +58,13 @@ def _check_action(action: Any, space: gymnasium.Space[Any], navigate: bool) -> A
 
 
 class EpisodeEnv(gymnasium.Env[Obs, Array]):
-    """One episode. The keyword arguments are the fields of ``settings``, from which ``world`` makes the world.
+    """An environment with one episode at a time. A subclass names its id, its settings and its world.
 
-    A subclass is an environment: it names its id, its settings and its world.
+    The keyword arguments are the fields of ``settings``, from which ``world`` makes the world. With ``reveal_truth`` the
+    info holds the true states.
+
+    Raises:
+        ValueError: an unknown keyword, or a value that is not allowed.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # type: ignore[misc]
@@ -66,7 +74,7 @@ class EpisodeEnv(gymnasium.Env[Obs, Array]):
 
     @classmethod
     def make_world(cls, settings: dict[str, Any]) -> World:
-        """The world of these keyword arguments.
+        """Make the world of these keyword arguments.
 
         Raises:
             ValueError: an unknown keyword, with the nearest that exists, or a value that is not allowed.
@@ -82,7 +90,7 @@ class EpisodeEnv(gymnasium.Env[Obs, Array]):
 
     @property
     def task(self) -> Task:
-        """What an estimator may know; replaced at each reset."""
+        """Everything that an estimator may know; each reset replaces it."""
         return self.episode.task
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Obs, dict[str, Any]]:
@@ -106,7 +114,10 @@ class EpisodeEnv(gymnasium.Env[Obs, Array]):
 
 
 class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
-    """``num_envs`` episodes in lockstep, computed as one batch; row i equals the single environment with row i's seed."""
+    """An environment with ``num_envs`` episodes in lockstep, computed as one batch.
+
+    Row i equals the single environment with the seed of row i, bit for bit.
+    """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
         "render_modes": list(RENDER_MODES),
@@ -131,7 +142,7 @@ class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
 
     @property
     def task(self) -> Task:
-        """What an estimator may know; ``start`` has a run axis here."""
+        """Everything that an estimator may know; its ``start`` has a run axis here."""
         return self.episode.task
 
     def reset(
@@ -161,11 +172,11 @@ class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
         return obs, reward, no, np.full(self.num_envs, self._over), self._with_masks(info)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Row 0 only: the rows of a batch are for scores, not for looking at."""
+        """Return the picture of row 0. The other rows are for scores, not to look at."""
         return (self._renderer.draw(),) if self._renderer else None
 
     def _with_masks(self, info: dict[str, Any]) -> dict[str, Any]:
-        """The layout of VectorEnv._add_info: every key, nested too, with its ``_key`` mask."""
+        """Return the info in the layout of VectorEnv._add_info: every key, nested ones too, with its ``_key`` mask."""
         out: dict[str, Any] = {}
         for key, value in info.items():
             out[key] = self._with_masks(value) if isinstance(value, dict) else value
@@ -174,7 +185,7 @@ class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
 
 
 def _first(batch: Any) -> Any:
-    """Row 0 of a nest of arrays, as the single environment gives it: fresh arrays, Python scalars."""
+    """Return row 0 of nested arrays in the form of the single environment: fresh arrays and Python scalars."""
     if isinstance(batch, dict):
         return {key: _first(value) for key, value in batch.items()}
     row = batch[0]

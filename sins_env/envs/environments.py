@@ -1,4 +1,4 @@
-"""The environments: each names its id, its settings and its world, and below it its vector form names it."""
+"""The environments. Each names its id, its settings and its world, and its vector form names it."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class NavFlightVectorEnv(EpisodeVectorEnv):
 
 
 class ReplayEnv(EpisodeEnv):
-    """A recording of an IMU, with its fixes, or zero-velocity updates where it has none."""
+    """A recording of an IMU, with its fixes, or with zero-velocity updates if it has none."""
 
     env_id = "SINS/Replay-v0"
     settings = ReplaySettings
@@ -69,10 +69,10 @@ class ReplayEnv(EpisodeEnv):
 
 
 class ReplayVectorEnv(EpisodeVectorEnv):
-    """All rows share the recording.
+    """Recordings in lockstep; all rows share one recording.
 
-    The reset that follows an episode of its own accord has no options, as in Gymnasium's own vector environments. Every
-    row then draws its window, whichever ``reset(options={"window": ...})`` had picked.
+    The automatic reset after an episode has no options, like that of Gymnasium's own vector environments. Every row then
+    draws its window, whichever ``reset(options={"window": ...})`` had picked.
     """
 
     single = ReplayEnv

@@ -1,4 +1,7 @@
-"""The course of a batch of episodes: observations out, actions in, scores. The single and the vector environment both wrap it."""
+"""The course of a batch of episodes: observations out, actions in, errors and rewards.
+
+The single and the vector environment both wrap it. See docs/tasks_and_scores.md#environment-contract.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +18,17 @@ from sins_env.envs.reward import failed_epochs, score_attitude, score_navigation
 from sins_env.types import NavState, Task
 from sins_env.worlds.world import World
 
-OBSERVED = ("dtheta", "dvel", "gps_vel", "gps_pos", "gps_valid")
+OBSERVED = ("dtheta", "dvel", "gps_vel", "gps_pos", "gps_valid")  #: fields of an epoch that an observation holds
 
 
 class Episode:
-    """K observations and K steps; observation k covers (t_{k-1}, t_k], step k scores the action at t_k.
+    """K observations and K steps. Observation k covers (t_{k-1}, t_k], and step k scores the action at t_k.
 
-    Without a reference errors and rewards are 0, those of a failed epoch too: there ``failed`` alone tells, and
-    ``info["scored"]`` is False.
+    Without a reference errors and rewards are zero, and ``info["scored"]`` is False. A failed epoch then shows in
+    ``info["failed"]`` alone.
+
+    Raises:
+        ValueError: ``reveal_truth`` in a world without a reference, or no bool.
     """
 
     def __init__(self, world: World, reveal_truth: bool) -> None:
@@ -36,7 +42,13 @@ class Episode:
     def reset(
         self, rngs: Sequence[np.random.Generator], options: dict[str, Any] | None, squeeze: bool = False
     ) -> tuple[Obs, dict[str, Any]]:
-        """Observation 1 and the start. ``squeeze``: the public Task gets no run axis (single environment)."""
+        """Begin one run per generator, and return observation 1 and the info with the start.
+
+        ``squeeze`` leaves out the run axis of the start in the public task, for the single environment.
+
+        Raises:
+            ValueError: a reset option that the world does not have.
+        """
         truth, told = self.world.reset(rngs, options or {})
         runs = len(rngs)
         known = told is not None
@@ -55,7 +67,13 @@ class Episode:
         return obs, info
 
     def step(self, action: Array) -> tuple[Obs, Array, bool, dict[str, Any]]:
-        """Score the actions (runs, 4 or 10) at t_k; the next observation, rewards (runs,), whether it is over, info."""
+        """Score the actions (runs, 4 or 10) at t_k.
+
+        Returns the next observation, rewards (runs,), whether the episode is over, and the info.
+
+        Raises:
+            RuntimeError: a step before the reset or after the end.
+        """
         if not self.started:
             raise RuntimeError("step() before reset(): reset the environment first")
         if self.k > self.task.num_epochs:
@@ -91,7 +109,7 @@ class Episode:
         return obs
 
     def _terminal(self) -> Obs:
-        """At t_K there is nothing left to observe: zero increments, no fix."""
+        """Return the observation after t_K, which is empty: zero increments and no fix."""
         data = self.world.epoch(self.task.num_epochs)
         obs: Obs = {"t": np.full((len(data.gps_vel), 1), self.task.num_epochs * self.task.epoch_s)}
         for name in OBSERVED:

@@ -1,4 +1,4 @@
-"""What ``render()`` draws: the attitude of the base, and the error history against the floor that the sensors set."""
+"""The picture that ``render()`` draws: the attitude of the base, and the errors against the floor of the sensors."""
 
 from __future__ import annotations
 
@@ -13,11 +13,14 @@ from sins_env.arrays import Array
 from sins_env.types import Task
 from sins_env.units import ARCSEC, DEG_PER_H, UG
 
-_COLORS = ("tab:green", "tab:olive", "tab:blue")  #: of E, N, U
+_COLORS = ("tab:green", "tab:olive", "tab:blue")  #: colours of the components in the order E, N, U
 
 
 def sensor_floor(task: Task) -> tuple[float, float]:
-    """1-sigma level and azimuth errors, rad, that constant biases leave on a base at rest: accel/g, gyro/(rate cos L)."""
+    """Return the 1-sigma level and azimuth errors, rad, that constant biases leave on a base at rest.
+
+    They are accelerometer bias / g and gyro bias / (Earth's rate cos L).
+    """
     model = earth.get(task.site.earth)
     level = task.prior.accel_bias_std_ug * UG / float(earth.gravity(model, task.site.latitude))
     azimuth = task.prior.gyro_bias_std_deg_h * DEG_PER_H / (model.rate * math.cos(task.site.latitude))
@@ -25,12 +28,13 @@ def sensor_floor(task: Task) -> tuple[float, float]:
 
 
 class Renderer:
-    """Keeps one run's errors and draws them with Matplotlib's Agg canvas."""
+    """A record of one run's errors that draws itself with Matplotlib's Agg canvas."""
 
     def __init__(self, task: Task) -> None:
         self.reset(task)
 
     def reset(self, task: Task) -> None:
+        """Begin an episode of this task."""
         self._task = task
         self._t: list[float] = []
         self._phi: list[Array] = []
@@ -38,6 +42,7 @@ class Renderer:
         self._q: Array = np.array([1.0, 0.0, 0.0, 0.0])
 
     def add(self, t: float, action: Array, errors: dict[str, Array], failed: bool) -> None:
+        """Add an epoch: its end in s, the action, and its errors E, N, U in rad and m."""
         self._t.append(t)
         self._phi.append(errors["phi"])
         if "pos" in errors:
@@ -46,7 +51,7 @@ class Renderer:
             self._q = attitude.normalize(action[:4] / np.max(np.abs(action[:4])))
 
     def draw(self) -> NDArray[np.uint8]:
-        """(480, 960, 3) RGB."""
+        """Draw the picture, RGB, (480, 960, 3)."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to import, needed only to draw
         from matplotlib.figure import Figure
 

@@ -1,4 +1,7 @@
-"""Errors and reward of an action, and which actions are no estimate."""
+"""Errors and reward of an action, and the check whether it is an estimate at all.
+
+See docs/tasks_and_scores.md#environment-contract and docs/mathematics/frames.md#errors.
+"""
 
 from __future__ import annotations
 
@@ -12,23 +15,23 @@ from sins_env.worlds.limits import MAX_SPEED
 
 WORST_REWARD = -180.0
 WORST_NAVIGATION_REWARD = -1000.0
-WORST_PHI = np.array([np.pi / 2, np.pi, np.pi])  #: the largest error that phi (E, N, U) can express
-#: The largest errors that are told apart, m/s and m (half the way round the Earth); worse ones are scored as these.
+WORST_PHI = np.array([np.pi / 2, np.pi, np.pi])  #: largest error that phi (E, N, U) can express, rad
+#: Limits of the errors of velocity, m/s, and position, m, which is half the way round the Earth.
 WORST_VEL, WORST_POS = np.full(3, 2 * MAX_SPEED), np.full(3, 2.1e7)
 REWARD_PER_MPS, REWARD_PER_M = 1.0, 0.1
-_HUGE = 1e9  #: metres to a latitude of 1e305 rad would leave the range
+_HUGE = 1e9  #: limit of an estimate; the distance to a latitude of 1e305 rad would overflow
 
 
 def failed_epochs(action: Array) -> NDArray[np.bool_]:
-    """Which of the actions (runs, 4 or 10) are no estimate: not finite, or with a quaternion of zero norm."""
+    """Return which of the actions (runs, 4 or 10) are no estimate: not finite, or with a quaternion of zero norm."""
     finite = np.isfinite(np.max(np.abs(action), axis=-1))
     return ~(finite & (np.max(np.abs(action[..., :4]), axis=-1) > 0))
 
 
 def score_attitude(q_nb: Array, truth: Array, failed: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Errors phi (runs, 3) rad and rewards (runs,) minus degrees of attitudes (runs, 4), which are normalised.
+    """Return errors phi (runs, 3), rad, and rewards (runs,) of attitudes (runs, 4), which are normalised.
 
-    A failed epoch gets the worst errors and reward.
+    The reward is minus the angle of the misalignment in degrees. A failed epoch gets the worst errors and reward.
     """
     if failed.any():
         q_nb = np.where(failed[:, None], [1.0, 0.0, 0.0, 0.0], q_nb)
@@ -45,9 +48,10 @@ def score_attitude(q_nb: Array, truth: Array, failed: NDArray[np.bool_]) -> tupl
 def score_navigation(
     action: Array, truth: NavState, failed: NDArray[np.bool_], model: earth.Earth
 ) -> tuple[dict[str, Array], Array]:
-    """Errors ``phi`` rad, ``vel`` m/s and ``pos`` m E, N, U (runs, 3) of actions (runs, 10), and rewards (runs,).
+    """Return errors E, N, U and rewards (runs,) of actions (runs, 10).
 
-    The reward is -(angle in deg + |dv| / (1 m/s) + |dp| / (10 m)), at worst -1000, which is a failed epoch's.
+    The errors are ``phi`` in rad, ``vel`` in m/s and ``pos`` in m, each (runs, 3). The reward is
+    -(angle in deg + |dv| / (1 m/s) + |dp| / (10 m)), at worst -1000, which a failed epoch gets.
     """
     phi, reward = score_attitude(action[:, :4], truth.q_nb, failed)
     estimate = np.where(failed[:, None], 0.0, np.clip(action[:, 4:], -_HUGE, _HUGE))

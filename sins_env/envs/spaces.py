@@ -1,4 +1,7 @@
-"""Observation and action spaces. Bounds are finite and wider than anything an INS on a base or an aircraft meets."""
+"""Observation and action spaces. Their bounds are finite, and wider than anything that an INS meets.
+
+See docs/tasks_and_scores.md#environment-contract.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from sins_env.worlds.limits import MAX_ANGLE, MAX_SPEED, MAX_TIME, POS_HIGH, POS
 
 
 def observation_space(n_sub: int) -> spaces.Dict:
-    """The Dict of design section 3: t, dtheta, dvel, gps_vel, gps_pos, gps_valid."""
+    """Return the space of an observation: t, dtheta, dvel, gps_vel, gps_pos, gps_valid, with ``n_sub`` IMU samples."""
 
     def box(limit: float, shape: tuple[int, ...]) -> spaces.Box:
         return spaces.Box(-limit, limit, shape, np.float64)
@@ -27,17 +30,17 @@ def observation_space(n_sub: int) -> spaces.Dict:
 
 
 def attitude_action_space() -> spaces.Box:
-    """q_nb; the environment normalises it."""
+    """Return the space of q_nb, (4,); the environment normalises it."""
     return spaces.Box(-1.0, 1.0, (4,), np.float64)
 
 
 def navigation_action_space() -> spaces.Box:
-    """q_nb, which the environment normalises, v_n m/s, latitude rad, longitude rad, height m."""
+    """Return the space of q_nb, v_n in m/s, latitude rad, longitude rad and height m, (10,)."""
     low = np.concatenate([np.full(4, -1.0), np.full(3, -MAX_SPEED), POS_LOW])
     high = np.concatenate([np.full(4, 1.0), np.full(3, MAX_SPEED), POS_HIGH])
     return spaces.Box(low, high, dtype=np.float64)
 
 
 def action_space(navigate: bool) -> spaces.Box:
-    """The estimate that a task asks for."""
+    """Return the space of the estimate that a task asks for."""
     return navigation_action_space() if navigate else attitude_action_space()

@@ -1,4 +1,4 @@
-"""What fixes, references and a place must be, whichever file they come from; errors name file, field and row."""
+"""Checks of fixes, references and places from any file, and the recording made of them. Errors name file, field and row."""
 
 from __future__ import annotations
 
@@ -14,14 +14,18 @@ from sins_env.recordings.mapping import Mapping
 from sins_env.recordings.recording import Gnss, Recording, Reference, seconds
 from sins_env.types import Site
 
-Place = Callable[[int], str]  #: where a row stands in its file: "line 17", "sample 3"
+Place = Callable[[int], str]  #: function that tells the place of a row in its file, such as "line 17" or "sample 3"
 
 DEG = np.pi / 180
 LATITUDE = "latitude within 89.9 deg, longitude within 360 deg, height in m"
 
 
 def geodetic(path: Path, key: str, place: Place, llh: Array, unit: float = DEG) -> Array:
-    """Latitude rad, longitude rad in [-pi, pi), height m of latitude, longitude (in ``unit``) and metres (n, 3)."""
+    """Return latitude rad, longitude rad in [-pi, pi) and height m, (n, 3), of angles in ``unit`` and heights in m.
+
+    Raises:
+        ValueError: angles out of range.
+    """
     rad = llh[:, :2] * unit if unit != DEG else np.radians(llh[:, :2])
     bad = np.flatnonzero((np.abs(rad) > [earth.MAX_LATITUDE, 2 * np.pi * (1 + 1e-15)]).any(axis=1))
     if len(bad):
@@ -31,7 +35,11 @@ def geodetic(path: Path, key: str, place: Place, llh: Array, unit: float = DEG) 
 
 
 def check_unit(path: Path, key: str, place: Place, q: Array) -> Array:
-    """Raises ValueError for what is no unit quaternion."""
+    """Return the quaternions (n, 4).
+
+    Raises:
+        ValueError: a quaternion that is not of unit length.
+    """
     bad = np.flatnonzero(np.abs(np.sum(q * q, axis=-1) - 1.0) > 1e-3)
     if len(bad):
         raise ValueError(f"{path}: {key} is not a unit quaternion at {place(int(bad[0]))}")
@@ -39,12 +47,16 @@ def check_unit(path: Path, key: str, place: Place, q: Array) -> Array:
 
 
 def site(pos: Sequence[float] | Array, earth_name: str = "wgs84") -> Site:
-    """The place of latitude rad, longitude rad, height m."""
+    """Make a site of latitude rad, longitude rad and height m."""
     return Site(float(pos[0]), float(pos[1]), float(pos[2]), earth_name)
 
 
 def check_overlap(path: Path, what: str, t: Array, begin: float, end: float) -> None:
-    """Raises ValueError if no stamp lies within the IMU's time: two clocks, most likely."""
+    """Check that some stamp lies within the time of the IMU, from ``begin`` to ``end``.
+
+    Raises:
+        ValueError: no stamp does; most likely there are two clocks.
+    """
     if not ((t > begin) & (t <= end)).any():
         raise ValueError(
             f"{path}: {what} from {seconds(t[0])} to {seconds(t[-1])} s, the IMU from {seconds(begin)} to "
@@ -53,10 +65,10 @@ def check_overlap(path: Path, what: str, t: Array, begin: float, end: float) -> 
 
 
 def with_velocities(gnss: Gnss) -> Gnss:
-    """Velocities where a receiver gave none: differences of its positions over the seconds around each fix.
+    """Return fixes with velocities, which are differences of the positions around each fix.
 
-    Their errors are correlated from fix to fix and lag behind accelerations; better than none, worse than Doppler.
-    Across a missing fix nothing is differenced.
+    Their errors are correlated from fix to fix, and they lag behind accelerations: better than none, worse than Doppler.
+    Differences never span a missing fix.
 
     Raises:
         ValueError: fewer than two fixes in a row.
@@ -82,7 +94,11 @@ def with_velocities(gnss: Gnss) -> Gnss:
 def assemble(
     path: Path, mapping: Mapping, clock: Clocked, gnss: Gnss | None, reference: Reference | None, lever: Array | None
 ) -> Recording:
-    """The recording of text files: on one clock, at the mapping's site, or the first fix's, or the reference's."""
+    """Make a recording of text files on one clock. Its site is that of the mapping, of the first fix or of the reference.
+
+    Raises:
+        ValueError: fixes or a reference on another clock, or no place on the Earth.
+    """
     t0, rate, dtheta, dvel = clock
     end = t0 + len(dtheta) / rate
     if gnss is not None:

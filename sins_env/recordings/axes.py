@@ -1,4 +1,4 @@
-"""Frames of other people's files: where the sensors' axes point, and North-East-Down for East-North-Up."""
+"""Frames of recorded files: the directions of the sensors' axes, and North-East-Down against East-North-Up."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ ALLOWED = (
 
 
 def to_rfu(axes: str) -> Array:
-    """(3, 3) matrix from a file's components to Right-Forward-Up.
+    """Return the matrix (3, 3) from a file's components to Right-Forward-Up.
 
-    ``axes``: where the file's x, y, z point, one letter each ("BRU": backward, right, up); or a signed permutation
-    that says which of them is right, forward and up ("+y-x+z", the same).
+    ``axes`` has one letter for the direction of each of the file's x, y, z: "BRU" is backward, right, up. It may also be a
+    signed permutation that names the components right, forward and up: "+y-x+z" is the same.
 
     Raises:
-        ValueError: anything else, or axes that are not right-handed: a file of mirrored axes cannot tell whether
-            its gyros follow the right-hand rule.
+        ValueError: anything else, or axes that are not right-handed. With mirrored axes nobody knows whether the gyros
+            follow the right-hand rule.
     """
     text = axes if isinstance(axes, str) else ""
     signed = _SIGNED.fullmatch(text.lower())
@@ -44,21 +44,21 @@ def to_rfu(axes: str) -> Array:
 
 
 def turned(vectors: Array, turn: Array) -> Array:
-    """``vectors @ turn.T`` for a signed permutation, without the copies and zeros of a product."""
+    """Return ``vectors @ turn.T``, (..., 3), for a signed permutation, without the copies and zeros of a product."""
     column = np.abs(turn).argmax(axis=1)
     return vectors[..., column] * turn[np.arange(3), column]
 
 
 def swap_ned(vectors: Array) -> Array:
-    """North-East-Down to East-North-Up and back, (..., 3)."""
+    """Turn North-East-Down into East-North-Up, or back, (..., 3)."""
     return vectors[..., [1, 0, 2]] * np.array([1.0, 1.0, -1.0])
 
 
 def heading_pitch_roll(q_nb: Array) -> Array:
-    """(..., 3) rad: heading clockwise from north in [0, 2 pi), pitch nose up, roll right side down.
+    """Read heading in [0, 2 pi), pitch and roll, rad, (..., 3), from an attitude (..., 4).
 
-    These are also yaw, pitch and roll of a Forward-Right-Down body in North-East-Down: the same three turns of the
-    same vehicle, named in other axes.
+    They equal yaw, pitch and roll of a Forward-Right-Down body in North-East-Down. These are the same three rotations of
+    the same vehicle, in other axes.
     """
     heading, pitch, roll = attitude.to_euler(attitude.to_dcm(q_nb))
     return np.stack([heading % (2 * np.pi), pitch, roll], axis=-1)

@@ -1,4 +1,4 @@
-"""Stamps to a uniform clock: the rate, gaps, stamps that repeat or run back, and resampling where it is asked for."""
+"""From stamps to a uniform clock: the rate, gaps, stamps that repeat or run back, and resampling on demand."""
 
 from __future__ import annotations
 
@@ -14,40 +14,42 @@ from sins_env.arrays import Array
 from sins_env.checks import refused
 from sins_env.recordings.recording import Recording, first_few, frozen, seconds
 
-GAP = 1.5  #: samples from one stamp to the next from which on something is missing
-JITTER = 0.2  #: of a sample, by which the sum of two steps may differ from two samples
-CRYSTAL = 1e-4  #: by which an oscillator may be off the whole number of Hz that it is meant to be
-WHOLE_HZ = 0.25  #: of a sample, by which stamps may be off the clock of a whole number of Hz
+GAP = 1.5  #: shortest step between stamps, in samples, that means missing samples
+JITTER = 0.2  #: largest difference, in samples, between the sum of two steps and two samples for a jittering stamp
+CRYSTAL = 1e-4  #: largest relative error of an oscillator that is meant to run at a whole number of Hz
+WHOLE_HZ = 0.25  #: largest distance of stamps, in samples, from the clock of a whole number of Hz
 
 
 @dataclass(frozen=True)
 class Samples:
-    """What a file holds: stamps at which each sample ends, and increments, or rates, in Right-Forward-Up."""
+    """The samples of a file: stamps at their ends, with increments or rates in the order Right, Forward, Up."""
 
     path: str
-    name: str  #: of the stamps, in errors
-    place: Callable[[int], str]  #: where a sample stands in its file
-    t: Array  #: (n,) s
-    dtheta: Array  #: (n, 3)
-    dvel: Array  #: (n, 3)
-    gyro_rates: bool = False
-    accel_rates: bool = False
-    trapezoid: bool = False
+    name: str  #: name of the stamps in errors
+    place: Callable[[int], str]  #: function that tells the place of a sample in its file, such as "line 17"
+    t: Array  #: (n,) stamps, s
+    dtheta: Array  #: (n, 3) angle increments, rad, or rates, rad/s
+    dvel: Array  #: (n, 3) velocity increments, m/s, or specific force, m/s^2
+    gyro_rates: bool = False  #: whether ``dtheta`` holds rates
+    accel_rates: bool = False  #: whether ``dvel`` holds specific force
+    trapezoid: bool = False  #: whether rates are values at the stamps, and not means over the sample
 
 
 class Clocked(NamedTuple):
-    """Increments on a uniform clock; NaN where samples are missing."""
+    """Increments on a uniform clock, with NaN for missing samples."""
 
-    t0: float  #: s, where the first sample begins
+    t0: float  #: start of the first sample, s
     rate_hz: float
-    dtheta: Array  #: (N, 3)
-    dvel: Array  #: (N, 3)
+    dtheta: Array  #: (N, 3) angle increments, rad
+    dvel: Array  #: (N, 3) velocity increments, m/s
 
 
 def clocked(
     samples: Samples, rate_hz: float | None = None, resample_hz: float | None = None, drop_duplicates: bool = False
 ) -> Clocked:
-    """Samples on the clock of ``rate_hz`` (None: what the stamps say), or resampled to ``resample_hz``.
+    """Put samples on a uniform clock of ``rate_hz``, or resample them to ``resample_hz``.
+
+    ``rate_hz`` None takes the rate that fits the stamps.
 
     Raises:
         ValueError: stamps that repeat (unless they are to be dropped), run back, or fit no uniform clock.
@@ -68,7 +70,11 @@ def clocked(
 def check_increasing(
     path: str, name: str, place: Callable[[int], str], t: Array, drop: bool = False, step: str = ""
 ) -> None:
-    """Raises ValueError for stamps that repeat (unless they will be dropped) or run back, with their times."""
+    """Check that stamps increase.
+
+    Raises:
+        ValueError: stamps that run back, or that repeat unless ``drop``; the error has their times.
+    """
     back = np.flatnonzero(np.diff(t) < 0)
     if len(back):
         i = int(back[0])
@@ -100,7 +106,9 @@ def _increasing(samples: Samples, drop: bool, step: str) -> Samples:
 
 
 def fitted_rate(samples: Samples) -> float:
-    """Hz: a whole number if the stamps fit its clock as well as their own, else what their steps and span say.
+    """Return the rate in Hz that fits the stamps.
+
+    It is a whole number if the stamps fit its clock as well as their own, else their number of steps over their span.
 
     Raises:
         ValueError: fewer than two samples.
@@ -117,9 +125,9 @@ def fitted_rate(samples: Samples) -> float:
 
 
 def sample_index(samples: Samples, rate: float) -> NDArray[np.int64]:
-    """The place of each sample on a uniform clock; steps over two or more places are gaps.
+    """Return the place of each sample on a uniform clock, (n,); steps over two or more places are gaps.
 
-    A tag that alone is off, while its neighbours lie two samples apart, is jitter of the tag.
+    A single stamp that is off while its neighbours lie two samples apart is jitter, and is put between them.
 
     Raises:
         ValueError: two samples in one place, or more places empty than filled.
@@ -144,18 +152,18 @@ def sample_index(samples: Samples, rate: float) -> NDArray[np.int64]:
 
 
 def on_grid(index: NDArray[np.int64], values: Array) -> Array:
-    """Values at their places; NaN elsewhere."""
+    """Put values (n, m) at their places on the clock, with NaN elsewhere: (N, m), read-only."""
     grid = np.full((int(index[-1]) + 1, values.shape[1]), np.nan)
     grid[index] = values
     return frozen(grid)
 
 
 def _integrated(samples: Samples, steps: Array, sample_s: float) -> Samples:
-    """Increments of rates, over the time since the stamp before, at most one sample (the rest is a gap).
+    """Integrate rates over the time since the stamp before, but at most over one sample; the rest is a gap.
 
-    A rate is held over the sample it ends: what an IMU delivers is the mean since its last output, and every sample
-    counts once, so that its noise stays white. ``trapezoid`` is for rates that are values at the stamps themselves; then
-    held rates would lag by half a sample.
+    A rate is held over the sample that it ends, because an IMU delivers the mean since its last output. Every sample
+    then counts once, and its noise stays white. If rates are values at the stamps, held rates would lag by half a sample;
+    ``trapezoid`` takes the mean of neighbours instead.
     """
     whole = steps < GAP * sample_s
     dt = np.where(whole, steps, sample_s)[:, None]
@@ -174,23 +182,30 @@ def _integrated(samples: Samples, steps: Array, sample_s: float) -> Samples:
 
 
 def hz_of(step_s: float) -> float:
-    """The rate of a sample interval; a whole number where only rounding keeps it from being one."""
+    """Return the rate, Hz, of a sample interval in s; a whole number if only rounding keeps it from being one."""
     hz = 1.0 / step_s
     return float(round(hz)) if abs(hz - round(hz)) < 1e-9 * hz else hz
 
 
 def check_hz(name: str, hz: float) -> float:
-    """Raises ValueError for what is no rate."""
+    """Return the rate in Hz.
+
+    Raises:
+        ValueError: a rate that is not finite or not positive.
+    """
     if not (np.isfinite(hz) and hz > 0):
         raise refused(name, hz, "a positive number of Hz")
     return float(hz)
 
 
 def resampled(t: Array, increments: Array, rate: float, hz: float) -> Clocked:
-    """Increments (n, 6) that end at stamps ``t``, on the clock whose ticks are whole samples of ``hz``.
+    """Resample increments (n, 6) that end at stamps ``t``, s, to the clock whose ticks are multiples of 1 / ``hz``.
 
-    The running sum is interpolated by a cubic spline and differenced, so that nothing is lost: any sum over the new
-    samples is that over the old. Gaps stay gaps; a new sample must lie between old stamps.
+    The running sum is interpolated by a cubic spline and differenced. Nothing is lost, for any sum over new samples is
+    that over the old ones. Gaps stay gaps: a new sample must lie between old stamps.
+
+    Raises:
+        ValueError: a rate that is none, or a sample longer than the recording.
     """
     from scipy.interpolate import CubicSpline
 
@@ -219,10 +234,10 @@ def resampled(t: Array, increments: Array, rate: float, hz: float) -> Clocked:
 
 
 def resample(recording: Recording, hz: float) -> Recording:
-    """The recording at another rate; fixes and reference stay as they are.
+    """Return the recording at another rate; fixes and reference stay the same.
 
     Raises:
-        ValueError: what is no rate, or one too low for the recording's length.
+        ValueError: a rate that is none, or one too low for the length of the recording.
     """
     here = np.flatnonzero(~recording.missing)
     t = recording.t0 + (here + 1) / recording.rate_hz

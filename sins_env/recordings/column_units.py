@@ -1,4 +1,4 @@
-"""Units of other people's files, and whether what was read can be an IMU on the earth at all."""
+"""Units of recorded files, and a check that the values can come from an IMU on the Earth."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from sins_env.units import ARCSEC, DEG, DEG_PER_H, G0
 
 
 class Unit(NamedTuple):
-    si: float
-    rate: bool = False  #: per second: has to be integrated over the sample
+    """A unit of increments or rates."""
+
+    si: float  #: its value in SI
+    rate: bool = False  #: whether it is per second, so that values must be integrated over the sample
 
 
 GYRO = {
@@ -34,19 +36,19 @@ ACCEL = {
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLE = {"deg": DEG, "rad": 1.0}
 
-FORCE_RANGE = (5.0, 20.0)  #: m/s^2, the median of |f| over seconds
-MOST_RATE = 2.0 * math.pi  #: rad/s, the median of |w| over seconds
-MOST_ANGLE = math.pi  #: rad in one sample
+FORCE_RANGE = (5.0, 20.0)  #: range of the median over seconds of specific force, m/s^2
+MOST_RATE = 2.0 * math.pi  #: limit of the median over seconds of angular rate, rad/s
+MOST_ANGLE = math.pi  #: limit of the angle in one sample, rad
 
 
 def check_plausible(path: Path | str, rate_hz: float, dtheta: Array, dvel: Array) -> None:
-    """Refuse increments that no IMU on the earth measures; missing samples are NaN.
+    """Refuse increments (N, 3), rad and m/s, that no IMU on the Earth measures; missing samples are NaN.
 
-    Specific force is near 9.8 m/s^2 but for seconds at a time, so a wrong unit of the accelerometers always shows. A
-    wrong unit of the gyros shows when angles come out too large; when they come out too small, it does not.
+    Specific force is near 9.8 m/s^2 but for seconds at a time, so that a wrong unit of the accelerometers always shows.
+    A wrong unit of the gyros shows if angles come out too large, but not if they come out too small.
 
     Raises:
-        ValueError: says which mistake would explain what was found.
+        ValueError: impossible increments; the error says which mistake would explain them.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         _check(path, rate_hz, dtheta, dvel)
@@ -71,10 +73,10 @@ def _check(path: Path | str, rate_hz: float, dtheta: Array, dvel: Array) -> None
 
 
 def block_means(increments: Array, rate_hz: float, block_s: float = 1.0) -> Array:
-    """(B, n) means per sample over blocks of about ``block_s``; blocks with missing samples are left out.
+    """Return means per sample over blocks of about ``block_s`` s, (B, n); blocks with missing samples are left out.
 
-    What is left over at the end is no block; a recording shorter than a block is one, and so is all that is there
-    of one whose every block has a gap.
+    A remainder at the end is left out, too. A recording shorter than a block is one block. If every block has a gap, the
+    samples that are there make one block.
     """
     size = min(max(round(block_s * rate_hz), 1), len(increments))
     blocks = increments[: len(increments) // size * size].reshape(-1, size, increments.shape[1]).mean(axis=1)
@@ -83,7 +85,7 @@ def block_means(increments: Array, rate_hz: float, block_s: float = 1.0) -> Arra
 
 
 def _guess(ratio: float, rate_hz: float) -> str:
-    """What would explain specific force being so many times gravity."""
+    """Return the mistake that would explain a specific force of ``ratio`` times gravity."""
     mistakes = {
         "g given as m/s^2": 1 / G0,
         "m/s^2 given as g": G0,

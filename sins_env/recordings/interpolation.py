@@ -1,4 +1,4 @@
-"""The reference between its stamps."""
+"""Interpolation of the reference between its stamps."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from sins_env.types import NavState
 
 
 def reference_at(recording: Recording, times: Array, within: float = 0.0) -> NavState:
-    """The reference at ``times`` (...,) s; a stamp ``within`` s of one is taken as it is.
+    """Return the reference at ``times`` (...,), s; a stamp within ``within`` s of a time is taken itself.
 
-    Attitude turns and velocity changes uniformly from stamp to stamp; position follows the cubic that has the velocity
-    of the reference at both (of a car sampled at 1 Hz, a straight line would be wrong by 0.4 m at 3 m/s^2). Without
-    velocities the line has to do. Where there are neither, or no reference at all, the base stands still at its site.
+    Attitude and velocity change uniformly from stamp to stamp. Position follows the cubic with the velocities of the
+    reference at both stamps: at 1 Hz and 3 m/s^2 a straight line would be wrong by 0.4 m. Without velocities it is a
+    straight line. Without positions, or without a reference, the base stands still at its site.
     """
     ref, site = recording.reference, recording.site.pos
     still, place = np.zeros((*times.shape, 3)), np.broadcast_to(site, (*times.shape, 3))

@@ -1,7 +1,7 @@
-"""Mapping files: what a recording's own files do not say (columns, units, axes, site, companions), as small JSON.
+"""Mapping files: small JSON files that say what a recording's own files do not.
 
-Any format takes ``axes``, ``rate_hz``, ``resample_hz``, ``drop_duplicates``; text formats ``site``, ``lever_arm_m``,
-``gnss``, ``reference`` besides. A CSV needs columns and units, too::
+Any format takes ``axes``, ``rate_hz``, ``resample_hz`` and ``drop_duplicates``. Text formats also take ``site``,
+``lever_arm_m``, ``gnss`` and ``reference``. A CSV needs columns and units, too::
 
     {"format": "csv", "file": "imu.csv", "axes": "FRD", "site": [34.2, 108.9, 380.0],
      "time": {"column": "t", "unit": "ms"},
@@ -12,9 +12,9 @@ Any format takes ``axes``, ``rate_hz``, ``resample_hz``, ``drop_duplicates``; te
      "reference": {"file": "truth.csv", "time": {"column": "t"},
                    "attitude": {"columns": ["yaw", "pitch", "roll"], "unit": "deg"}}}
 
-Columns are names of the header line, or numbers from 1. Units say what is an increment (rad, deg, arcsec; m/s) and
-what is a rate (rad/s, deg/s, deg/h; m/s2, g, mg). A rate is held over the sample that its stamp ends; ``"rates":
-"trapezoid"`` is for values taken at the stamps themselves.
+Columns are names of the header line, or numbers from 1. The unit tells an increment (rad, deg, arcsec; m/s) from a rate
+(rad/s, deg/s, deg/h; m/s2, g, mg). A rate is held over the sample that its stamp ends. For values taken at the stamps
+themselves the mapping says ``"rates": "trapezoid"``.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from sins_env import checks
 from sins_env.checks import build
 from sins_env.recordings.axes import to_rfu
 
-RATES = ("hold", "trapezoid")
+RATES = ("hold", "trapezoid")  #: allowed values of ``rates``
 
 
 @dataclass(frozen=True)
 class Mapping:
-    """One mapping. Files that it names are beside the recording's own.
+    """A mapping. Files that it names are beside the recording's own.
 
     Raises:
-        ValueError: a value out of its range, an unknown key (the nearest is offered).
+        ValueError: a value out of its range.
     """
 
     format: str | None = None
@@ -46,8 +46,8 @@ class Mapping:
     resample_hz: float | None = None
     drop_duplicates: bool = False
     velocity_from_positions: bool = False
-    site: tuple[float, ...] | None = None  #: deg, deg, m
-    lever_arm_m: tuple[float, ...] | None = None  #: along the file's axes
+    site: tuple[float, ...] | None = None  #: latitude deg, longitude deg, height m
+    lever_arm_m: tuple[float, ...] | None = None  #: from the IMU to the antenna, along the file's axes
     gnss: Any = None
     reference: Any = None
     time: Any = None
@@ -79,20 +79,20 @@ class Mapping:
             raise checks.refused("delimiter", self.delimiter, "one character")
 
     def text(self) -> str:
-        """The same for equal mappings."""
+        """Return a text that is the same for equal mappings."""
         return json.dumps(asdict(self), sort_keys=True)
 
     def companions(self) -> list[str]:
-        """Files named beside the recording's own."""
+        """Return the names of the files that this mapping adds to the recording's own."""
         parts = (self.gnss, self.reference)
         return [name for part in parts if isinstance(name := part.get("file") if isinstance(part, dict) else part, str)]
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
-    """The keys of a mapping file.
+    """Read the keys of a mapping file.
 
     Raises:
-        ValueError: not a JSON object; the line is named.
+        ValueError: no JSON object; the error names the line.
     """
     try:
         given = json.loads(path.read_text(encoding="utf-8-sig"))
@@ -106,10 +106,10 @@ def read_mapping(path: Path) -> dict[str, Any]:
 
 
 def to_mapping(given: dict[str, Any], whose: str) -> Mapping:
-    """A mapping of keys.
+    """Make a mapping of its keys.
 
     Raises:
-        ValueError: begins with ``whose``.
+        ValueError: an unknown key (the nearest is offered), or a value out of its range; the text begins with ``whose``.
     """
     try:
         return build(Mapping, given, "a mapping")
@@ -118,10 +118,10 @@ def to_mapping(given: dict[str, Any], whose: str) -> Mapping:
 
 
 def companion(path: Path, name: str) -> Path:
-    """A file named in a mapping, beside the recording's.
+    """Return the path of a file that a mapping names, which is beside the recording's own.
 
     Raises:
-        FileNotFoundError: it is not there.
+        FileNotFoundError: no such file.
     """
     found = path.parent / name
     if not found.is_file():

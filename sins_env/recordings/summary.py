@@ -1,4 +1,4 @@
-"""What a recording contains, measured on its increments: forces and rates, spans at rest, a first guess of heading."""
+"""A summary of a recording, measured on its increments: forces and rates, spans at rest, a first guess of the heading."""
 
 from __future__ import annotations
 
@@ -12,40 +12,40 @@ from sins_env.recordings.axes import heading_pitch_roll
 from sins_env.recordings.column_units import block_means
 from sins_env.recordings.recording import Gap, Recording
 
-SUB_S, BLOCK_S = 0.1, 1.0  #: rest is judged by the spread of means over 0.1 s within seconds
-REST_FORCE, REST_RATE = 0.05, 0.005  #: m/s^2, rad/s: spread of each axis below which the base rests
-REST_LEAST_S = 5.0  #: shorter spans are not named
-GUESS_MOST_S, GUESS_LEAST_S = 300.0, 20.0
-MOVING_MPS = 0.5  #: a fix faster than this is no alignment on the spot
+SUB_S, BLOCK_S = 0.1, 1.0  #: rest shows in the spread of means over SUB_S within blocks of BLOCK_S
+REST_FORCE, REST_RATE = 0.05, 0.005  #: limits of this spread in each axis of a base at rest, m/s^2 and rad/s
+REST_LEAST_S = 5.0  #: length of the shortest span at rest that counts
+GUESS_MOST_S, GUESS_LEAST_S = 300.0, 20.0  #: limits of the span that gives the guess of the heading
+MOVING_MPS = 0.5  #: speed of a fix, or of the reference, from which on the base has left the spot
 
 
 @dataclass(frozen=True)
 class Guess:
-    """Attitude at the start of a span on the spot, by gravity's drift in the inertial frame."""
+    """A guess of the attitude at the start of a span on the spot, from the drift of gravity in the inertial frame."""
 
-    start: float  #: s
-    end: float  #: s
-    angles: Array  #: (3,) rad heading, pitch, roll
-    halves: tuple[float, float]  #: rad, heading from either half alone, carried back to the start
+    start: float  #: start of the span, s
+    end: float  #: end of the span, s
+    angles: Array  #: (3,) heading, pitch, roll at the start, rad
+    halves: tuple[float, float]  #: heading from either half of the span alone, carried back to the start, rad
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What :func:`summarise` found."""
+    """The measurements of :func:`summarise`."""
 
-    force: tuple[float, float, float]  #: m/s^2, |f|: least, median, largest of means over seconds
-    rate: tuple[float, float, float]  #: rad/s, |w| likewise
+    force: tuple[float, float, float]  #: least, median and largest mean over a second of |f|, m/s^2
+    rate: tuple[float, float, float]  #: the same of |w|, rad/s
     gaps: list[Gap]
     fix_rate_hz: float | None
     fix_gaps: list[Gap]
     reference_rate_hz: float | None
-    rest: list[tuple[float, float]]  #: s, spans at rest
-    guess: Guess | None  #: None where there is no span on the spot without a gap
-    reference_heading: float | None  #: rad, where the guess begins
+    rest: list[tuple[float, float]]  #: spans (start, end) at rest, s
+    guess: Guess | None  #: None without a span on the spot that has no gap
+    reference_heading: float | None  #: heading of the reference at the start of the guess, rad
 
 
 def summarise(recording: Recording) -> Summary:
-    """Measure a recording; a few passes over its increments."""
+    """Measure a recording in a few passes over its increments."""
     rate = recording.rate_hz
     force, turn = (
         np.linalg.norm(block_means(values, rate) * rate, axis=1) for values in (recording.dvel, recording.dtheta)
@@ -76,13 +76,13 @@ def _range(values: Array) -> tuple[float, float, float]:
 
 
 def _missing(t: Array, step: float) -> list[Gap]:
-    """Stretches between stamps where at least one is missing."""
+    """Return the spans between stamps in which at least one stamp is missing."""
     wide = np.flatnonzero(np.diff(t) > 1.5 * step)
     return [Gap(float(t[i]), float(t[i + 1]), round(float(t[i + 1] - t[i]) / step) - 1) for i in wide]
 
 
 def _rest(recording: Recording) -> list[tuple[float, float]]:
-    """Spans whose every second is at rest."""
+    """Return the spans (start, end), s, in which every second is at rest."""
     rate = recording.rate_hz
     sub = max(round(SUB_S * rate), 1)
     per_block = max(round(BLOCK_S * rate / sub), 2)
@@ -107,7 +107,7 @@ def _rest(recording: Recording) -> list[tuple[float, float]]:
 
 
 def _guess(recording: Recording) -> Guess | None:
-    """Over the first span on the spot without a gap, at most 300 s; the base may sway."""
+    """Guess the attitude from the first span on the spot without a gap, at most 300 s; the base may sway."""
     first, last = _on_the_spot(recording)
     rate = recording.rate_hz
     if (last - first) / rate < GUESS_LEAST_S:
@@ -118,7 +118,7 @@ def _guess(recording: Recording) -> Guess | None:
     late = inertial_alignment(recording, middle, last)
     relative, _ = _carried(recording, first, middle)
     whole, early = heading_pitch_roll(q), heading_pitch_roll(inertial_alignment(recording, first, middle))
-    # C_nb at the start from that at the middle: the earth turned meanwhile
+    # C_nb at the start from that at the middle; the Earth has turned meanwhile
     w_ie = earth.rate_n(earth.get(recording.site.earth), recording.site.latitude)
     turned = attitude.from_rotvec(w_ie * ((middle - first) / rate))
     back = attitude.multiply(attitude.multiply(turned, late), attitude.conjugate(relative))
@@ -126,7 +126,7 @@ def _guess(recording: Recording) -> Guess | None:
 
 
 def _on_the_spot(recording: Recording) -> tuple[int, int]:
-    """Samples from the first that is there to the first gap, or to where fixes or the reference say it moves."""
+    """Return the samples (first, last) from the first one there is to the first gap, or until the base moves."""
     rate = recording.rate_hz
     first = int(np.argmax(~recording.missing))
     gap = np.flatnonzero(recording.missing[first:])
@@ -141,8 +141,11 @@ def _on_the_spot(recording: Recording) -> tuple[int, int]:
 
 
 def _carried(recording: Recording, first: int, last: int) -> tuple[Array, Array]:
-    """Attitude at the end relative to the start, (4,), and the velocity (S, 3) that specific force has added by the end
-    of each second, in body axes frozen at the start."""
+    """Integrate increments in body axes frozen at the start.
+
+    Returns the attitude at the end relative to the start, (4,), and the velocity that specific force has added by the end
+    of each of S steps of about 0.02 s, (S, 3).
+    """
     size = max(round(0.02 * recording.rate_hz), 1)  # 50 Hz is fine enough for a guess
     count = max((last - first) // size, 1)
     size = min(size, last - first)
@@ -158,7 +161,7 @@ def _carried(recording: Recording, first: int, last: int) -> tuple[Array, Array]
 
 
 def _running_product(q: Array) -> Array:
-    """q_1, q_1 q_2, q_1 q_2 q_3 ..., (n, 4): doubling the reach log2(n) times."""
+    """Return the products q_1, q_1 q_2, q_1 q_2 q_3 ..., (n, 4), in log2(n) steps of doubled reach."""
     q = q.copy()
     reach = 1
     while reach < len(q):
@@ -168,11 +171,10 @@ def _running_product(q: Array) -> Array:
 
 
 def inertial_alignment(recording: Recording, first: int, last: int) -> Array:
-    """q_nb (4,) at sample ``first`` of a base that stays on the spot until ``last``.
-    docs/mathematics/coarse_alignment.md#recordings.
+    """Return q_nb (4,) at sample ``first`` of a base that stays on the spot until ``last``.
 
-    Gravity's integral in body axes frozen at the start, against the same in the local frame frozen at the start, as
-    Wahba's problem over all its values.
+    The integral of gravity in body axes frozen at the start is fitted to that in the local frame frozen at the start.
+    This is Wahba's problem over all values of the integrals. See docs/mathematics/coarse_alignment.md#recordings.
     """
     _, v_b = _carried(recording, first, last)
     t = (np.arange(len(v_b)) + 1) * ((last - first) / recording.rate_hz / len(v_b))

@@ -1,4 +1,4 @@
-"""Tables of numbers in text files: read fast, and where that fails, a line by line search for the reason."""
+"""Tables of numbers in text files: a fast reader, and after a failure a search for the reason line by line."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ import numpy as np
 
 from sins_env.arrays import Array
 
-_CHUNK = 20_000  #: rows formatted at once
+_CHUNK = 20_000  #: rows that are formatted at once
 
 
 @dataclass(frozen=True)
 class Style:
-    """How a text file separates its numbers."""
+    """The way in which a text file separates its numbers."""
 
     comment: str = "#"
-    delimiter: str | None = None  #: None: white space, and commas too
-    header: bool = False  #: the first line that is no comment holds names
+    delimiter: str | None = None  #: one character; None stands for white space and commas
+    header: bool = False  #: whether the first line that is no comment holds names
 
     def fields(self, line: str) -> list[str]:
-        """The fields of a line; none if it is empty or a comment."""
+        """Return the fields of a line; an empty line or a comment has none."""
         body = line.partition(self.comment)[0].strip() if self.delimiter is None else line.rstrip("\r\n")
         if not body.strip() or body.lstrip().startswith(self.comment):
             return []
@@ -44,10 +44,10 @@ class Table:
 
     path: Path
     style: Style
-    rows: Array  #: (n, columns asked for), all finite
+    rows: Array  #: (n, columns that were asked for) numbers, all finite
 
     def place(self, row: int) -> str:
-        """Where a row stands in the file: 'line 17'."""
+        """Return the place of a row in the file, such as 'line 17'."""
         number, _ = next(islice(_lines(self.path, self.style), row, None))
         return f"line {number}"
 
@@ -55,12 +55,16 @@ class Table:
 def read_table(
     path: Path, counts: Sequence[int] | None, style: Style = Style(), columns: Sequence[int] | None = None
 ) -> Table:
-    """Every row of a file. ``counts``: how many columns a line may have (the same in each); None: as many as the first.
+    """Read every row of a file.
 
-    ``columns``: which to keep, from 0; None is all of them.
+    Args:
+        path: the file.
+        counts: numbers of columns that the lines, which are all alike, may have; None takes that of the first line.
+        style: the way in which the file separates its numbers.
+        columns: which columns to keep, counted from 0; None keeps all.
 
     Raises:
-        ValueError: names the line, and the column, of what is no table of finite numbers.
+        ValueError: no table of finite numbers; the error names the line and the column at fault.
     """
     first = next((fields for _, fields in _lines(path, style)), None)
     if first is None:
@@ -80,7 +84,7 @@ def read_table(
 
 
 def _even(path: Path, style: Style, width: int) -> bool:
-    """Whether every line has the same number of columns; NumPy does not look at those that are not asked for."""
+    """Return whether every line has the same number of columns; NumPy ignores those that it is not asked for."""
     if style.delimiter is None:
         return all(len(fields) == width for _, fields in _lines(path, style))
     separators = width - 1
@@ -90,7 +94,7 @@ def _even(path: Path, style: Style, width: int) -> bool:
 
 def _fast(path: Path, style: Style, columns: Sequence[int] | None) -> Array:
     with open(path, encoding="utf-8-sig", errors="replace") as stream, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of an empty file
+        warnings.simplefilter("ignore")  # NumPy warns of an empty file
         lines: Any = stream
         if style.delimiter is None and "," in stream.read(1 << 16):
             lines = (line.replace(",", " ") for line in stream)
@@ -103,12 +107,12 @@ def _fast(path: Path, style: Style, columns: Sequence[int] | None) -> Array:
 
 
 def header(path: Path, style: Style) -> list[str]:
-    """The fields of the first line that is no comment."""
+    """Return the fields of the first line that is no comment."""
     return next((fields for _, fields in _lines(path, Style(style.comment, style.delimiter))), [])
 
 
 def _lines(path: Path, style: Style) -> Iterator[tuple[int, list[str]]]:
-    """Number and fields of each line that holds numbers."""
+    """Yield number and fields of each line that holds numbers."""
     skip = style.header
     with open(path, encoding="utf-8-sig", errors="replace") as stream:
         for number, line in enumerate(stream, start=1):
@@ -120,7 +124,7 @@ def _lines(path: Path, style: Style) -> Iterator[tuple[int, list[str]]]:
 
 
 def _explain(path: Path, style: Style, counts: Sequence[int], columns: Sequence[int] | None) -> ValueError | None:
-    """The first line at fault."""
+    """Return the error for the first line at fault."""
     allowed = " or ".join(map(str, counts))
     found: ValueError | None = None
     for number, fields in _lines(path, style):
@@ -144,7 +148,7 @@ def _finite(text: str) -> bool:
 
 
 def write_rows(stream: IO[str], row: str, rows: Array) -> None:
-    """Format every row with the same %-format; %r is the shortest text that reads back to the same bits."""
+    """Write every row with the same %-format; %r is the shortest text that reads back to the same bits."""
     for first in range(0, len(rows), _CHUNK):
         part = rows[first : first + _CHUNK]
         stream.write(row * len(part) % tuple(part.ravel().tolist()))
@@ -152,10 +156,10 @@ def write_rows(stream: IO[str], row: str, rows: Array) -> None:
 
 @contextmanager
 def replacing(paths: Sequence[Path]) -> Iterator[list[Path]]:
-    """Temporary names beside ``paths`` to write to; all take their places at the end, or none of them does.
+    """Yield temporary names beside ``paths`` to write to. In the end all take their places, or none of them does.
 
     Raises:
-        OSError: one line that says what could not be written, and why.
+        OSError: files that cannot be written; the error is one line with the reason.
     """
     temporary = [path.with_name(f".{path.name}.{os.getpid()}.part") for path in paths]
     try:
@@ -172,7 +176,11 @@ def replacing(paths: Sequence[Path]) -> Iterator[list[Path]]:
 
 
 def write_files(files: list[tuple[Path, str, Array]], mapping_path: Path, mapping: dict[str, Any]) -> list[Path]:
-    """Tables of (path, format of a row, rows) and their mapping: all of them or none."""
+    """Write tables of (path, format of a row, rows) and their mapping, all of them or none. Returns the paths.
+
+    Raises:
+        OSError: files that cannot be written.
+    """
     paths = [*(path for path, _, _ in files), mapping_path]
     with replacing(paths) as new:
         for target, (_, row, rows) in zip(new[:-1], files, strict=True):
