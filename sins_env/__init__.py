@@ -18,8 +18,8 @@ misprints. The frames and errors are those of docs/mathematics/frames.md.
 Read the ground floor first: ``units``, ``types``, ``attitude``, ``earth``, ``specs``, ``presets``, ``prior``, ``motion``.
 Then follow the data: ``trajectory``, ``sensors``, ``recordings``, ``worlds``, ``envs``, ``evaluation``, ``cli``.
 
-Importing this package registers the environments of :mod:`sins_env.envs` with Gymnasium, but does not import Gymnasium:
-whichever of the two is imported first, ``gymnasium.make("SINS/AlignSway-v0")`` works once both are.
+Importing this package registers the environments of :mod:`sins_env.envs` with Gymnasium, but does not import Gymnasium.
+In either order of the two imports ``gymnasium.make("SINS/AlignSway-v0")`` works afterwards.
 """
 
 from sins_env import moved as _moved

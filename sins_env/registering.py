@@ -1,7 +1,7 @@
-"""Registers the environments with Gymnasium: at once where Gymnasium is imported already, otherwise as soon as it is.
+"""Registration of the environments with Gymnasium: at once if Gymnasium is imported already, else at its import.
 
-Neither the mathematics nor a look at recordings needs Gymnasium and the worlds, so ``import sins_env`` imports neither.
-Gymnasium reads no entry points of plug-ins since its version 1.0; therefore its import is watched.
+Neither the mathematics nor a look at recordings needs Gymnasium or the worlds, so that ``import sins_env`` imports
+neither. Gymnasium since version 1.0 reads no entry points of plug-ins; therefore its import is watched.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ WATCHED = "gymnasium"
 
 
 class _Watch:
-    """Finds Gymnasium where the other finders of ``sys.meta_path`` do, and has the environments follow it."""
+    """Finder of Gymnasium that asks the other finders of ``sys.meta_path``, and registers after the import."""
 
     def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> importlib.machinery.ModuleSpec | None:
         if fullname != WATCHED:
@@ -39,7 +39,7 @@ def _register() -> None:
 
 
 def install() -> None:
-    """Register now, or at the import of Gymnasium; a second call changes nothing."""
+    """Register now or at the import of Gymnasium; a second call changes nothing."""
     if WATCHED in sys.modules:
         _register()
     elif not any(isinstance(finder, _Watch) for finder in sys.meta_path):

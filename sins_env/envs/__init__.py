@@ -1,8 +1,7 @@
-"""The Gymnasium environments. Importing this folder registers their ids, as ``import sins_env`` does in the end.
+"""The Gymnasium environments; importing this folder registers them.
 
-Actions come in; observations, rewards and the errors behind them go out.
-Read ``environments``, which names each with its settings and its world, then ``base``, ``episode``, ``reward``, ``spaces``
-and ``rendering``.
+Actions, which are estimates, come in; observations, rewards and the errors behind them go out. Read ``environments``,
+which names each with its settings and its world, then ``base``, ``episode``, ``reward``, ``spaces``, ``rendering``.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ def register() -> None:
 
 
 def _path(cls: type) -> str:
-    """The class as ``module:name``, so that a spec can be written as JSON."""
+    """Return the path ``module:name`` of a class, with which Gymnasium's specification can be written as JSON."""
     return f"{cls.__module__}:{cls.__qualname__}"
 
 
