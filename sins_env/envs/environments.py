@@ -61,7 +61,7 @@ class NavFlightVectorEnv(EpisodeVectorEnv):
 
 
 class ReplayEnv(EpisodeEnv):
-    """A recording of an IMU, with its fixes, or with zero-velocity updates if it has none."""
+    """A recording of an IMU, with its fixes, or zero-velocity updates where it has none."""
 
     env_id = "SINS/Replay-v0"
     settings = ReplaySettings
