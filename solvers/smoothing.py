@@ -1,22 +1,25 @@
-"""Rauch-Tung-Striebel smoothing for any Gaussian filter of the zoo: what was the state, seen from later.
+"""Rauch-Tung-Striebel smoothing for the Gaussian filters of the zoo: what the state was, seen from later.
 
 Idea: a filter's step from j to j+1 gives x_j, P_j, the prediction x-, P- and the cross covariance C of the two states.
-Going back, G = C (P-)^-1 passes on what the later fixes had to say about x_{j+1}:
-x^s_j = x_j + G (x^s_{j+1} - x-), P^s_j = P_j + G (P^s_{j+1} - P-) G'. With sigma points C is their sum, with a tangent P F'.
+Going back, the gain G = C (P-)^-1 passes on what the later fixes say about x_{j+1}:
+
+    x^s_j = x_j + G (x^s_{j+1} - x-),   P^s_j = P_j + G (P^s_{j+1} - P-) G'.
+
+C is a weighted sum for sigma points, and P F' for a tangent F.
 
 Source: Rauch, Tung & Striebel (1965), doi:10.2514/3.3166; unscented: Sarkka (2008), doi:10.1109/TAC.2008.919531;
-docs/mathematics/filters.md#smoothing. The scheme of 000 (4.3.38-56) recodes the later fixes as a pseudo measurement;
-corrected, it is the
-same smoother (a test plays both).
-Shapes: x (..., n), P (..., n, n); ``Smoothed`` has time in front. For filters with one Gaussian that predict by their ``rule``:
-kf, ekf, the unscented, cubature, robust, adaptive and H-infinity ones. Open loop: nothing is relocated between the steps.
+docs/mathematics/filters.md#smoothing. The scheme of 000 (4.3.38-56) codes the later fixes as a pseudo measurement. With its
+misprints corrected (docs/mathematics/errata.md#chapter-4) it is the same smoother, as a test shows.
+Shapes: x (..., n), P (..., n, n); ``Smoothed`` has time in front.
+Filters: those with one Gaussian that predict by their ``rule``, which are kf, ekf, and the unscented, cubature, robust,
+adaptive and H-infinity filters. They run open loop: nothing is relocated between the steps.
 
-At the end x^s = x: an interval smoother cannot better an alignment's last epoch, and to compare it with a filter at
-earlier ones is unfair; ``fixed_lag`` says what is known ``lag`` steps late.
+The smoothed estimate of the last epoch is the filter's own, so a smoother cannot improve an alignment. At earlier epochs it
+has seen more fixes than the filter it may be compared with. ``fixed_lag`` tells what is known ``lag`` steps late.
 
-**Of an H-infinity filter** this takes the inflated P_j as the filter's covariance, as 000 does. That is well defined, but
-neither optimal nor with a bound on the worst case: the identities behind "the same form for the H-infinity UKF" of
-section 4.3.3 hold only where P_j is what the fix left. gamma = inf, the plain UKF, smooths as it should.
+For an H-infinity filter P_j is the inflated covariance, as in 000. The result is well defined, but neither optimal nor bounded
+in the worst case. Section 4.3.3 claims the same form for it, but that needs the P_j that the fix left. With gamma = inf the
+filter is the plain UKF and this smoother is the right one.
 """
 
 from __future__ import annotations
@@ -40,39 +43,40 @@ from solvers.types import Gaussian, Health, Measurement, Transition
 
 Steps = Iterable[tuple[Transition, Measurement | None]]
 
-#: Gaussian filters that predict from points of their own: C of their rule does not belong to their P-
+#: Gaussian filters that predict from points of their own, so that C of their rule does not belong to their P-.
 _OTHERWISE = (AugmentedAUKF, GaussianParticles)
 
 
 class Smoothed(NamedTuple):
-    """States j = 0 (the start) to T, and between them T steps; frozen runs: see :func:`smooth`."""
+    """Smoothed states j = 0 (the start) to T, and the T steps between them."""
 
     mean: Array  #: (T + 1, ..., n)
     cov: Array  #: (T + 1, ..., n, n)
-    filtered: Gaussian  #: (T + 1, ..., n), (T + 1, ..., n, n): what the filter said at the time
-    gain: Array  #: (T, ..., n, n) G; 0 in the steps of a frozen run
-    noise: Gaussian  #: (T, ..., n), (T, ..., n, n): w of each step, given everything
-    health: Health  #: the filter's at the end, with the repairs of P- on the way back
+    filtered: Gaussian  #: (T + 1, ..., n), (T + 1, ..., n, n): the filter's own estimates
+    gain: Array  #: (T, ..., n, n), G of each step; 0 in the steps of a frozen run
+    noise: Gaussian  #: (T, ..., n), (T, ..., n, n): the process noise w of each step, given all fixes
+    health: Health  #: the filter's health at the end, with the repairs of P- counted
 
 
 class _Step(NamedTuple):
     """What the backward pass needs of the step from j to j + 1."""
 
-    x: Gaussian  #: the filter's at j
-    predicted: Gaussian  #: at j + 1, before its fix
-    G: Array  #: (..., n, n) back to the state at j
-    w: Gaussian  #: the noise of the step as the filter took it, N(0, Q) or N(q, Q)
-    G_w: Array  #: (..., n, n) back to the noise
-    well: Mask  #: (...) whether the filter took the step; a frozen run did not
+    x: Gaussian  #: the filter's estimate at j
+    predicted: Gaussian  #: its prediction of j + 1, before the fix
+    G: Array  #: (..., n, n), gain back to the state at j
+    w: Gaussian  #: the process noise of the step as the filter took it, N(0, Q) or N(q, Q)
+    G_w: Array  #: (..., n, n), gain back to this noise
+    well: Mask  #: (...), whether the filter took the step; a frozen run did not
 
 
 def smooth(filter: Any, prior: Gaussian, steps: Steps, rng: Any = None) -> Smoothed:
-    """Every state given all fixes: fixed-interval smoothing. Memory grows with the steps, 8 n^2 numbers for each and run.
+    """Estimate every state from all fixes: fixed-interval smoothing.
 
-    A run that freezes at step k is smoothed from its last good state k - 1 back; from k on it keeps what the filter held.
+    Memory grows with the number of steps: about 8 n^2 numbers per step and run. A run that freezes at step k is smoothed from
+    its last good state k - 1 back. From k on it keeps what the filter held.
 
     Raises:
-        ValueError: a filter of another kind; no steps.
+        ValueError: the filter is of another kind, or there are no steps.
     """
     b, passed = _start(filter, prior, rng), []
     for tr, me in steps:
@@ -93,12 +97,13 @@ def smooth(filter: Any, prior: Gaussian, steps: Steps, rng: Any = None) -> Smoot
 
 
 def fixed_lag(filter: Any, prior: Gaussian, steps: Steps, lag: int, rng: Any = None) -> Iterator[Gaussian]:
-    """After step k = 1, 2, ...: the state max(k - lag, 0), given the fixes up to k. Keeps ``lag`` steps, no more.
+    """Yield, after step k = 1, 2, ..., the estimate of state max(k - lag, 0) from the fixes up to k.
 
-    Each step goes back over the window anew, for the time of ``lag`` products. A frozen run: as in :func:`smooth`.
+    Only the last ``lag`` steps are kept. Each step goes back over all of them, which costs ``lag`` matrix products.
+    A frozen run is treated as in :func:`smooth`.
 
     Raises:
-        ValueError: a filter of another kind, a lag below zero.
+        ValueError: the filter is of another kind, or the lag is negative.
     """
     return _fixed_lag(filter, _start(filter, prior, rng), steps, whole("lag", lag, least=0))
 
@@ -122,10 +127,10 @@ def _start(filter: Any, prior: Gaussian, rng: Any) -> Any:
 
 
 def _forward(filter: GaussianFilter[Any], b: Any, tr: Transition, me: Measurement | None) -> tuple[Any, _Step]:
-    """The filter's own step, and beside it its prediction and the gains back."""
+    """Take the filter's own step, and keep beside it the prediction and the gains back."""
     x = filter.estimate(b)
     after, _ = filter.step(b, tr, me)
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # of runs that freeze
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # runs that freeze are masked below
         predicted = filter.estimate(filter.predict(b, tr))
         Y, repaired = inverse(predicted.cov)
         G = moments(tr.f, x, filter.rule)[0].cross @ Y
@@ -137,7 +142,7 @@ def _forward(filter: GaussianFilter[Any], b: Any, tr: Transition, me: Measuremen
 
 
 def _back(x: Gaussian, G: Array, step: _Step, later: Gaussian) -> Gaussian:
-    """``x``, which the filter knew at j, given what is known of the state at j + 1. # 000 (4.3.51-53)"""
+    """Correct ``x``, the filter's estimate at j, by what is known of the state at j + 1: 000 (4.3.51-53)."""
     _, predicted, *_, well = step
     with np.errstate(invalid="ignore", over="ignore"):
         mean = x.mean + (G @ (later.mean - predicted.mean)[..., None])[..., 0]

@@ -1,6 +1,7 @@
-"""Examples 1 and 2 of 002: the adaptive filter as printed and with its safeguards, and the UKF told wrong and right.
+"""Examples 1 and 2 of 002: the adaptive filter with and without safeguards, beside a UKF told wrong and right noise.
 
-The system as printed explodes (:func:`exploded`), so the filters run on its bounded form, on the same measurements.
+The printed system explodes (:func:`exploded`), so the filters run on its bounded form. All of them see the same measurements.
+Findings: docs/mathematics/filters.md#benchmark-of-002.
 """
 
 from __future__ import annotations
@@ -17,35 +18,35 @@ from solvers.filters.adaptive.aukf import LITERAL
 from solvers.toy_models import Benchmark002, Track, Truth, changing_R
 
 STEPS = 300
-#: The adaptive filter told wrong, with the recursion of the paper and with its safeguards; the UKF told wrong and right.
+#: Labels: the adaptive filter told wrong noise, as printed and with safeguards; the UKF told wrong and right noise.
 FILTERS = ("as printed", "safeguarded", "UKF told wrong", "UKF told right")
 
 
 class Example(NamedTuple):
-    """Runs of an example."""
+    """The runs of one example: the truth, and what each filter made of it."""
 
     truth: Truth
-    noise: dict[str, Array]  #: true statistics that are estimated, by name: (steps,)
-    tracks: dict[str, Track]  #: of each of FILTERS
+    noise: dict[str, Array]  #: true values of the noise statistics that are estimated, by name: (steps,)
+    tracks: dict[str, Track]  #: the estimates of each filter, by its label in FILTERS
 
     def estimate(self, label: str, name: str) -> Array:
-        """What a filter takes a statistic of the noise for, (steps, runs)."""
+        """Return a filter's estimate (steps, runs) of the noise statistic ``name``."""
         found: Array = self.tracks[label].noise[name].reshape(self.truth.z.shape[:2])
         return found
 
     def errors(self, label: str) -> Array:
-        """Estimate - truth, (steps, runs, 3)."""
+        """Return estimate minus truth, (steps, runs, 3)."""
         return self.tracks[label].mean - self.truth.x
 
 
 def exploded(runs: int) -> NDArray[np.int64]:
-    """The step at which each run of the system as printed overflows, from 1 on; 0: it reaches the last. (runs,)"""
+    """Return the step (runs,), counted from 1, at which each run of the printed system overflows; 0: it does not."""
     return Benchmark002("literal").simulate(np.random.default_rng(1), runs, STEPS).ended
 
 
 @lru_cache(maxsize=2)
 def example_1(runs: int) -> Example:
-    """Constant process noise, told q = 0 and Q = 0.2 instead of 0.2 and 0.4. # 002 (109), (112)"""
+    """Run example 1: constant process noise, told as q = 0, Q = 0.2 instead of 0.2, 0.4. Equations 002 (109), (112)."""
     system = Benchmark002()
     truth = system.simulate(np.random.default_rng(2), runs, STEPS)
     noise = {"q": np.full(STEPS, system.q), "Q": np.full(STEPS, system.true_Q)}
@@ -56,7 +57,7 @@ def example_1(runs: int) -> Example:
 
 @lru_cache(maxsize=2)
 def example_2(runs: int) -> Example:
-    """Measurement noise that changes slowly, told R = 1; forgetting factor 0.95. # 002 (113-114)"""
+    """Run example 2: measurement noise that changes slowly, told as R = 1. Equations 002 (113-114), forgetting 0.95."""
     system = Benchmark002()
     truth = system.simulate(np.random.default_rng(3), runs, STEPS, R=changing_R)
     noise = {"R": np.array([changing_R(k + 1) for k in range(STEPS)])}

@@ -1,12 +1,14 @@
-"""The three-state benchmark of 002 (107-114): strongly nonlinear, one noise driving all states.
-docs/mathematics/filters.md#benchmark-of-002.
+"""The three-state benchmark of 002 (107-114): strongly nonlinear, and one noise drives all states.
 
     x1' = cos(50 / (1 + x2 x3)),  x2' = 2 x1^2 exp(-x2 x3),  x3' = sin x3,   + [1 1 1]' w,   w ~ N(0.2, 0.4)
     z   = x1 + exp(-3 x2 x3) + v,                                                        v ~ N(0.3, 0.5)
 
-As printed it explodes: once x2 x3 < 0, exp(-x2 x3) feeds itself, and 97 % of the runs overflow within 300 steps.
-``variant="literal"`` ends such a run and says when; "small_q" is the same with Q = 0.04, which never does; "abs" takes
-|x2 x3|, which keeps every run bounded at the printed Q.
+The printed system explodes: once x2 x3 < 0, exp(-x2 x3) feeds itself, and 97 % of the runs overflow within 300 steps. Three
+variants handle this (docs/mathematics/filters.md#benchmark-of-002):
+
+- "literal" ends such a run and tells at which step;
+- "small_q" has Q = 0.04, with which no run overflows;
+- "abs" takes |x2 x3|, which keeps every run bounded at the printed Q.
 
     truth = Benchmark002("abs").simulate(np.random.default_rng(0), runs=100)
     track = Benchmark002("abs").track(make_filter("aukf", adapt="qQ"), truth.z, Q=0.2, r=0.3, R=0.5)
@@ -29,34 +31,40 @@ from solvers.types import Filter, Gaussian, Health, Measurement, Transition
 
 VARIANTS = ("literal", "small_q", "abs")
 G = np.ones((3, 1))
-START = np.array([0.5, 1.0, 1.0])  #: of the truth and of the estimate, whose covariance is I # 002 (110-111)
-OVERFLOW = 1e6  #: a state or measurement beyond this has exploded
+START = np.array([0.5, 1.0, 1.0])  #: true and estimated state at the start; the covariance is I, 002 (110-111)
+OVERFLOW = 1e6  #: a run with a state or measurement beyond this has exploded
 
 
 class Truth(NamedTuple):
+    """Simulated runs: true states and measurements."""
+
     x: Array  #: (steps, runs, 3); NaN from the overflow on
     z: Array  #: (steps, runs, 1); NaN from the overflow on
-    ended: NDArray[np.int64]  #: (runs,) the step at which a run overflowed, from 1 on; 0: it did not
+    ended: NDArray[np.int64]  #: (runs,), the step at which a run overflowed, counted from 1; 0: it did not
 
 
 class Track(NamedTuple):
-    """What a filter made of a run of measurements."""
+    """What a filter made of the measurements of all runs."""
 
     mean: Array  #: (steps, runs, 3)
     cov: Array  #: (steps, runs, 3, 3)
-    noise: dict[str, Array]  #: its diagnostics, (steps, runs, ...)
+    noise: dict[str, Array]  #: the filter's diagnostics by name, (steps, runs, ...)
     health: Health
 
 
 @dataclass(frozen=True)
 class Benchmark002:
-    """The system. q, Q, r, R are those of its noises; what a filter is told is said to ``track``."""
+    """The system with its true noise. What a filter is told about the noise is an argument of ``track``.
 
-    variant: str = "abs"
-    q: float = 0.2
-    Q: float | None = None  #: None: 0.4, or 0.04 in "small_q"
-    r: float = 0.3
-    R: float = 0.5
+    Raises:
+        ValueError: a setting outside its range.
+    """
+
+    variant: str = "abs"  #: "literal", "small_q" or "abs"
+    q: float = 0.2  #: mean of w
+    Q: float | None = None  #: variance of w; None: 0.4, or 0.04 in "small_q"
+    r: float = 0.3  #: mean of v
+    R: float = 0.5  #: variance of v
 
     def __post_init__(self) -> None:
         keep(self, "variant", choice, VARIANTS)
@@ -68,10 +76,11 @@ class Benchmark002:
 
     @property
     def true_Q(self) -> float:
+        """The variance of w in this variant."""
         return self.Q if self.Q is not None else 0.04 if self.variant == "small_q" else 0.4
 
     def f(self, x: Array) -> Array:
-        """(..., 3) -> (..., 3), without the noise. # 002 (107)"""
+        """Map states (..., 3) to the next ones (..., 3), without noise: 002 (107)."""
         product = self._product(x)
         with np.errstate(all="ignore"):
             return np.stack(
@@ -79,7 +88,7 @@ class Benchmark002:
             )
 
     def h(self, x: Array) -> Array:
-        """(..., 3) -> (..., 1), without the noise. # 002 (108)"""
+        """Map states (..., 3) to measurements (..., 1), without noise: 002 (108)."""
         with np.errstate(all="ignore"):
             return (x[..., 0] + np.exp(-3.0 * self._product(x)))[..., None]
 
@@ -91,7 +100,7 @@ class Benchmark002:
     def simulate(
         self, rng: np.random.Generator, runs: int, steps: int = 300, R: Callable[[int], float] | None = None
     ) -> Truth:
-        """Runs of the system; ``R`` is a variance for each step from 1 on, None: the constant one."""
+        """Simulate ``runs`` runs. ``R`` maps the step, counted from 1, to the variance of v; None: the constant one."""
         x, z = np.full((steps, runs, 3), np.nan), np.full((steps, runs, 1), np.nan)
         ended = np.zeros(runs, dtype=np.int64)
         now = np.tile(START, (runs, 1))
@@ -115,7 +124,10 @@ class Benchmark002:
         q: float = 0.0,
         r: float = 0.0,
     ) -> Track:
-        """``flt`` on measurements z (steps, runs, 1), told q, Q, r, R (numbers; R may be one for each step)."""
+        """Run ``flt`` on measurements z (steps, runs, 1) with the told noise q, Q, r, R.
+
+        These are numbers; ``R`` may be a function of the step, counted from 1.
+        """
         f, h = _Shifted(self.f, q), _Shifted(self.h, r)
         tr = Transition(f, np.asarray(Q) * (G @ G.T), G)
         batch = z.shape[1:-1]
@@ -135,7 +147,7 @@ class Benchmark002:
 
 @dataclass(frozen=True)
 class _Shifted:
-    """g plus the mean of its noise."""
+    """The function g plus the mean of its noise, which the filters take as zero."""
 
     g: Callable[[Array], Array]
     by: float
@@ -145,7 +157,7 @@ class _Shifted:
 
 
 def changing_R(k: int) -> float:
-    """R of example 2 at step k. # 002 (113)"""
+    """Return the variance R of example 2 at step ``k``: 002 (113)."""
     if k < 60 or k >= 250:
         return 0.5
     return 0.9 if k < 120 else 0.3 if k < 190 else 0.7

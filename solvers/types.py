@@ -1,7 +1,8 @@
 """The filter contract: what flows between the model, the blocks and the filters.
 
-Shapes are batch first: ``...`` is any batch shape, ``()`` for one run, ``(256,)`` for a Monte Carlo. A *belief*
-holds everything a filter knows; a filter itself is a frozen dataclass of settings and keeps nothing.
+Shapes are batch first: ``...`` is any batch shape, ``()`` for one run, ``(256,)`` for a Monte Carlo. A *belief* holds
+everything that a filter knows. The filter itself is a frozen dataclass of settings and keeps nothing.
+Equations: docs/mathematics/filters.md#model.
 """
 
 from __future__ import annotations
@@ -16,18 +17,20 @@ from sins_env.arrays import Array
 
 
 class Function(Protocol):
-    """(..., n) -> (..., m), acts on the last axis. A protocol, for mypy does not take ``Linear`` as a Callable."""
+    """A function (..., n) -> (..., m) that acts on the last axis, such as f, h or a ``Linear``."""
 
     def __call__(self, x: Array, /) -> Array: ...
 
 
 class Gaussian(NamedTuple):
+    """A Gaussian by its moments: of the state, of a noise, or of a prior."""
+
     mean: Array  #: (..., n)
     cov: Array  #: (..., n, n)
 
 
 class Linear(NamedTuple):
-    """The map x -> matrix x + offset, which every filter uses exactly instead of drawing points through it."""
+    """The map x -> matrix x + offset. Every filter uses it exactly instead of drawing points through it."""
 
     matrix: Array  #: (..., m, n), or (m, n) shared by all runs
     offset: Array | None = None  #: (..., m)
@@ -38,36 +41,42 @@ class Linear(NamedTuple):
 
 
 class Transition(NamedTuple):
-    """x' = f(x) + w, w ~ N(0, Q). ``f`` takes (*batch, n) and, for sigma points, (*batch, points, n)."""
+    """The model of one epoch, x' = f(x) + w with w ~ N(0, Q), equation 000 (3.2.1).
+
+    ``f`` takes (*batch, n) and, for sigma points, (*batch, points, n).
+    """
 
     f: Function
     Q: Array  #: (..., n, n), or (n, n) shared by all runs
-    G: Array | None = None  #: (n, p): the directions that the noise drives; None: all
-    dt: float | None = None  #: s
+    G: Array | None = None  #: (n, p): the directions that the noise drives; None: all states
+    dt: float | None = None  #: s, length of the epoch; None: not told
 
 
 class NoiseLaw(NamedTuple):
-    """How v is distributed, beyond its R, where that is told: a mixture, or Student-t; else Gaussian.
+    """The distribution of the measurement noise v beyond its R, if a task tells it: contaminated, or Student-t.
 
-    Both scale the whole vector: v = s v0, v0 ~ N(0, R), with s^2 = ``factor`` in a ``share`` of the fixes, or
-    s^2 = dof / chi^2(dof), so that R is the scale matrix of the t distribution.
+    One factor s scales the whole vector: v = s v0 with v0 ~ N(0, R). Contamination has s^2 = ``factor`` in a ``share``
+    of the fixes, else 1. Student-t has s^2 = dof / chi^2(dof), so that R is the scale matrix of the distribution.
     """
 
-    share: float = 0.0  #: of the fixes that are contaminated
-    factor: float = 1.0  #: of their variance
-    dof: float = 0.0  #: degrees of freedom of Student-t; 0: Gaussian
+    share: float = 0.0  #: share of the fixes that are contaminated, 0 to 1
+    factor: float = 1.0  #: variance of a contaminated fix over that of a good one
+    dof: float = 0.0  #: degrees of freedom of Student-t; 0: no Student-t
 
 
-MISSING = 1e15  #: variance in R from which on a run has no fix, where others of its batch have one
+MISSING = 1e15  #: least variance in R that marks a run without a fix in a batch where other runs have one
 
 
 class Measurement(NamedTuple):
-    """z = h(x) + v, v ~ N(0, R). A run whose R begins with ``MISSING`` or more has no fix."""
+    """A fix and its model, z = h(x) + v with v ~ N(0, R), equation 000 (3.2.1).
+
+    A run whose R begins with ``MISSING`` or more has no fix in this epoch.
+    """
 
     z: Array  #: (..., m)
     h: Function
-    R: Array  #: (..., m, m), or (m, m) shared by all runs; beyond 1e15 in runs without a fix, where others have one
-    law: NoiseLaw | None = None  #: None: Gaussian
+    R: Array  #: (..., m, m), or (m, m) shared by all runs
+    law: NoiseLaw | None = None  #: distribution of v; None: Gaussian
 
 
 class Moments(NamedTuple):
@@ -79,28 +88,36 @@ class Moments(NamedTuple):
 
 
 class Innovation(NamedTuple):
-    residual: Array  #: (..., m) z minus its prediction
-    cov: Array  #: (..., m, m) S
+    """What a fix told beyond its prediction: z minus the predicted z, and the covariance S of this difference."""
+
+    residual: Array  #: (..., m), z minus its prediction
+    cov: Array  #: (..., m, m), S with R included
 
 
 class Health(NamedTuple):
     """What went wrong in each run of a batch: counted and reported, never silent."""
 
-    epoch: int  #: steps taken since init
-    repairs: NDArray[np.int64]  #: (...) covariance repairs so far
-    failed_at: NDArray[np.int64]  #: (...) the epoch at which the run was frozen; -1 while it is well
-    fallbacks: NDArray[np.int64]  #: (...) times that a safeguard replaced the filter's own rule
-    frozen: bool = False  #: whether any run was: one look per step instead of a search
+    epoch: int  #: number of steps taken since ``init``
+    repairs: NDArray[np.int64]  #: (...), number of covariances that had to be repaired
+    failed_at: NDArray[np.int64]  #: (...), the epoch at which the run was frozen; -1 while it is well
+    fallbacks: NDArray[np.int64]  #: (...), number of times that a safeguard replaced the filter's own rule
+    frozen: bool = False  #: whether any run of the batch is frozen; saves a search at each step
 
 
 B = TypeVar("B")
 
 
 class Filter(Protocol[B]):
-    """A frozen dataclass of settings. The belief ``b`` flows through; ``b.health`` tells how each run fares."""
+    """What the pipeline asks of a filter: a frozen dataclass of settings, through which a belief ``b`` flows.
+
+    ``b.health`` tells how each run fares.
+    """
 
     def init(self, prior: Gaussian, rng: Any) -> B:
-        """The belief at the start. ``rng``: one Generator, or a sequence with one per run."""
+        """Make the belief at the start from a prior (..., n), (..., n, n).
+
+        ``rng`` is one NumPy Generator, or a sequence with one per run.
+        """
         ...
 
     def step(self, b: B, tr: Transition, me: Measurement | None) -> tuple[B, Innovation | None]:
@@ -108,13 +125,16 @@ class Filter(Protocol[B]):
         ...
 
     def estimate(self, b: B) -> Gaussian:
-        """Mean and covariance, whatever the belief is made of."""
+        """Return mean (..., n) and covariance (..., n, n), whatever the belief is made of."""
         ...
 
     def diagnostics(self, b: B) -> dict[str, Array]:
-        """What the filter knows beside its estimate, by name: arrays with the batch axes in front."""
+        """Return what the filter knows beside its estimate, by name: arrays with the batch axes in front."""
         ...
 
     def relocate(self, b: B, g: Function, jac: Callable[[Array], Array]) -> B:
-        """Feedback: every mean, point or particle x -> g(x), every covariance P -> J(x) P J(x)'."""
+        """Move every mean, point or particle x to g(x), and every covariance P to J(x) P J(x)'.
+
+        The pipeline does so when it feeds an estimate back into the INS: docs/mathematics/error_models.md#feedback.
+        """
         ...

@@ -1,7 +1,8 @@
-"""Moments of y = g(x) in factored form, for filters that carry a root S of the covariance, P = S S', and never P.
+"""Moments of y = g(x) in factored form, for filters that carry a root S of the covariance P = S S' and never P.
 
-Points in pairs at +-r s_p, the columns s_p of S, give every such rule the same form: odd parts make the slope, even
-parts the rest. With cov(y) = T T' + U U' and cov(x, y) = S T', the update is one for all. # 000 (3.3.10-46)
+Points come in pairs at +-r s_p, with s_p the columns of S. The odd part of their images makes the slope T, the even part
+the rest U. Then cov(y) = T T' + U U' and cov(x, y) = S T', and one update serves all rules. Equations 000 (3.3.10-46);
+docs/mathematics/filters.md#square-roots.
 """
 
 from __future__ import annotations
@@ -20,28 +21,30 @@ from solvers.types import Function, Linear
 
 
 class Factors(NamedTuple):
-    """cov(y) = slope slope' + rest rest', cov(x, y) = S slope'."""
+    """Factored moments of y = g(x): cov(y) = slope slope' + rest rest' and cov(x, y) = S slope'."""
 
     mean: Array  #: (..., m)
-    slope: Array  #: (..., m, n) T
-    rest: Array | None  #: (..., m, k) U; None: nothing
+    slope: Array  #: (..., m, n), T
+    rest: Array | None  #: (..., m, k), U; None: zero
 
 
 class FactorRule(Protocol):
     """How N(mean, S S') passes through a function that is not ``Linear``."""
 
-    def factors(self, g: Function, mean: Array, S: Array) -> Factors: ...
+    def factors(self, g: Function, mean: Array, S: Array) -> Factors:
+        """Return the factored moments of g(x) for x ~ N(mean, S S'): mean (..., n), S (..., n, n)."""
+        ...
 
 
 def factors(g: Function, mean: Array, S: Array, rule: FactorRule) -> Factors:
-    """The factored moments of g(x), x ~ N(mean, S S'); ``Linear`` is mapped exactly under every rule."""
+    """Return the factored moments of g(x) for x ~ N(mean, S S'); every rule maps ``Linear`` functions exactly."""
     if isinstance(g, Linear):
         return Factors(g(mean), g.matrix @ S, None)
     return rule.factors(g, mean, S)
 
 
 def beside(*blocks: Array | None) -> Array:
-    """The matrices (..., m, k) side by side; batch axes are broadcast, None is left out."""
+    """Put matrices (..., m, k) side by side; batch axes are broadcast, and None is left out."""
     there = [block for block in blocks if block is not None]
     batch = np.broadcast_shapes(*{block.shape[:-2] for block in there})
     edges = np.cumsum([block.shape[-1] for block in there]).tolist()
@@ -53,10 +56,10 @@ def beside(*blocks: Array | None) -> Array:
 
 @dataclass(frozen=True)
 class Differences:
-    """Stirling's interpolation of g to first or second order on steps of ``interval`` columns. # 000 (3.3.16-34)"""
+    """Stirling's interpolation of g to first or second order: 000 (3.3.16-34)."""
 
-    interval: float
-    second: bool
+    interval: float  #: distance of the points from the mean, in columns of S
+    second: bool  #: whether to keep the second-order terms
 
     def factors(self, g: Function, mean: Array, S: Array) -> Factors:
         h = self.interval
@@ -65,15 +68,15 @@ class Differences:
         if not self.second:
             return Factors(centre, slope, None)
         bend = plus + minus - 2.0 * centre[..., None, :]
-        rest = math.sqrt(h * h - 1.0) / (2.0 * h * h) * bend.mT  # 000 (3.3.24) corrected: h^4 under the root
+        rest = math.sqrt(h * h - 1.0) / (2.0 * h * h) * bend.mT  # 000 (3.3.24), docs/mathematics/errata.md no. 21
         return Factors(centre + bend.sum(axis=-2) / (2.0 * h * h), slope, rest)
 
 
 @dataclass(frozen=True)
 class PairedPoints:
-    """A sigma-point rule whose outer points are pairs on the axes with one positive weight, like ``Cubature``.
+    """The factors of a sigma-point rule whose outer points are pairs on the axes with one positive weight.
 
-    The moments are those of ``SigmaPoints`` on the same root.
+    The moments are those that ``SigmaPoints`` gives with the same root.
     """
 
     rule: PointRule
@@ -92,7 +95,7 @@ class PairedPoints:
 
 
 def _images(g: Function, mean: Array, S: Array, p: Points) -> tuple[Array, Array, Array]:
-    """g at the centre (..., m) and on both sides (..., n, m); without a centre the average of all stands for it."""
+    """Return g at the centre (..., m) and on both sides (..., n, m); a rule without a centre takes the mean image."""
     n, first = mean.shape[-1], int(p.centre)
     y = g(draw(mean, S, p))
     plus, minus = y[..., first : first + n, :], y[..., first + n :, :]
@@ -106,7 +109,11 @@ def _grid(interval: float, n: int) -> Points:
 
 @cache
 def pairs(rule: PointRule, n: int) -> Points:
-    """The points of ``rule``, if they can be factored."""
+    """Return the points of ``rule`` in n dimensions.
+
+    Raises:
+        ValueError: the rule has no square-root form, because its covariance is not a sum of squares.
+    """
     p = points(rule, n)
     if p.equal is None or p.radius is None or p.equal < 0.0 or (p.centre and p.pull < 0.0):
         raise ValueError(

@@ -1,6 +1,7 @@
-"""Gaussian mixtures: weights (..., G), means (..., G, n), covariances (..., G, n, n); G components per run.
+"""Gaussian mixtures: weights (..., G), means (..., G, n) and covariances (..., G, n, n), with G components per run.
 
-``spread`` lets what was written for runs (...) work on all components (..., G) at once.
+The functions that begin with ``spread`` let code for runs (...) work on all components (..., G) at once.
+Equations: docs/mathematics/filters.md#mixtures and #split-and-merge.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from sins_env.arrays import Array
 from solvers.blocks.square_root import symmetrize
 from solvers.types import Function, Gaussian, Linear, Measurement, Transition
 
-LOG_FLOOR = -700.0  #: smallest log weight before normalisation, relative to the largest: exp still has it
+LOG_FLOOR = -700.0  #: smallest log weight, relative to the largest; its exponential is still a normal number
 
 
 def normalise(log_weights: Array) -> tuple[Array, Array]:
-    """Weights (..., G) that sum to one, and the log of the sum that they had (...)."""
+    """Return weights (..., G) that sum to one, and the log (...) of the sum that they had."""
     top = log_weights.max(axis=-1, keepdims=True)
     weights = np.exp(np.maximum(log_weights - top, LOG_FLOOR))
     total = weights.sum(axis=-1, keepdims=True)
@@ -28,7 +29,10 @@ def normalise(log_weights: Array) -> tuple[Array, Array]:
 
 
 def collapse(weights: Array, x: Gaussian) -> Gaussian:
-    """The Gaussian with the mean and covariance of the mixture; the weights sum to one. # 004 (11-12), 3.5.25-26 corrected"""
+    """Return the Gaussian with the mean and covariance of a mixture whose weights sum to one.
+
+    Equations 004 (11-12), and 000 (3.5.25-26) with no. 41 of docs/mathematics/errata.md corrected.
+    """
     mean = (weights[..., None, :] @ x.mean)[..., 0, :]
     apart = x.mean - mean[..., None, :]
     *batch, G, n, _ = x.cov.shape
@@ -38,22 +42,25 @@ def collapse(weights: Array, x: Gaussian) -> Gaussian:
 
 
 def merge(weights: Array, x: Gaussian) -> tuple[Array, Gaussian]:
-    """One component with the weight, mean and covariance of all: (...), and Gaussian (..., n). # 000 (3.5.21) corrected"""
+    """Return one component with the weight (...), mean (..., n) and covariance (..., n, n) of all together.
+
+    Equation 000 (3.5.21) with no. 39 of docs/mathematics/errata.md corrected.
+    """
     total = weights.sum(axis=-1)
     return total, collapse(weights / total[..., None], x)
 
 
 def effective(weights: Array) -> Array:
-    """The number of components that matter, 1 / sum of squared weights (...)."""
+    """Return the effective number of components (...), which is 1 / sum of squared weights."""
     number: Array = 1.0 / np.square(weights).sum(axis=-1)
     return number
 
 
 def split(x: Gaussian, v: Array, count: int) -> Gaussian:
-    """``count`` components of equal weight, (..., count, n), with the moments of ``x``. # 000 (3.5.16-20)
+    """Split ``x`` into ``count`` components of equal weight, (..., count, n), that keep its moments: 000 (3.5.16-20).
 
-    Their means lie evenly along +-v (..., n) and carry the part v v' of the covariance, which must not exceed it;
-    000 takes v = sqrt(omega eta) V, with (eta, V) the largest eigenpair and omega in [0, 1).
+    Their means lie evenly along +-v (..., n) and carry the part v v' of the covariance, so v v' <= P is needed.
+    000 takes v = sqrt(omega eta) V, with (eta, V) the largest eigenvalue and its vector, and omega in [0, 1).
     """
     s = np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1)
     s *= math.sqrt(count / max(float(s @ s), 1.0))  # mean square one
@@ -65,10 +72,10 @@ def split(x: Gaussian, v: Array, count: int) -> Gaussian:
 
 @dataclass(frozen=True)
 class _Spread:
-    """g of runs (*batch) as a function of components (*batch, G): the components pass as points."""
+    """A function g of runs (*batch), made a function of components (*batch, G): the components pass as points."""
 
     g: Any
-    axes: int  #: of the batch
+    axes: int  #: number of batch axes
 
     def __call__(self, x: Array) -> Array:
         if x.ndim <= self.axes + 2:  # (*batch, G, n)
@@ -78,12 +85,12 @@ class _Spread:
 
     @property
     def jacobian(self) -> Callable[[Array], Array] | None:
-        """That of g, if it has one."""
+        """The Jacobian of g, if it has one."""
         return getattr(self.g, "jacobian", None)
 
 
 def spread(g: Function, axes: int) -> Function:
-    """``g`` for components: ``axes`` batch axes stand before theirs. ``Linear`` stays ``Linear``."""
+    """Make a function of runs one of components, with ``axes`` batch axes in front. ``Linear`` stays ``Linear``."""
     if not isinstance(g, Linear):
         return _Spread(g, axes)
     offset = g.offset if g.offset is None or g.offset.ndim == 1 else g.offset[..., None, :]
@@ -91,15 +98,15 @@ def spread(g: Function, axes: int) -> Function:
 
 
 def spread_transition(tr: Transition, axes: int) -> Transition:
-    """``tr`` for components."""
+    """Make the transition of runs one of components, with ``axes`` batch axes in front."""
     return tr._replace(f=spread(tr.f, axes), Q=widen(tr.Q))
 
 
 def spread_measurement(me: Measurement, axes: int) -> Measurement:
-    """``me`` for components: all of them see the same z."""
+    """Make the measurement of runs one of components, with ``axes`` batch axes in front; all see the same z."""
     return me._replace(z=me.z[..., None, :], h=spread(me.h, axes), R=widen(me.R))
 
 
 def widen(matrix: Array) -> Array:
-    """A matrix per run (..., m, n) as one per component (..., 1, m, n); one (m, n) that all runs share stays."""
+    """Give a matrix per run (..., m, n) an axis of components (..., 1, m, n); a shared one (m, n) stays."""
     return matrix[..., None, :, :] if matrix.ndim > 2 else matrix

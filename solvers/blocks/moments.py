@@ -1,7 +1,7 @@
-"""Mean and covariance of y = g(x) for Gaussian x: the one place where points are drawn and slopes are taken.
+"""Mean and covariance of y = g(x) for Gaussian x: the one place where sigma points are drawn and tangents are taken.
 
-``Linear`` functions are mapped exactly under every rule. For any other function the rule decides:
-``SigmaPoints`` sends points through it, ``Linearized`` takes its Jacobian.
+Every rule maps ``Linear`` functions exactly. Any other function is left to the rule: ``SigmaPoints`` sends points through
+it, ``Linearized`` takes its Jacobian. Equations: docs/mathematics/filters.md#sigma-points and #extended-kalman-filters.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from solvers.blocks.sigma_rules import PointRule, Points, points
 from solvers.blocks.square_root import ROOTS, symmetrize
 from solvers.types import Function, Gaussian, Linear, Moments
 
-STEP = 1e-4  #: step of the numerical Jacobian in standard deviations
-RELATIVE_STEP = float(np.finfo(float).eps) ** (1 / 3)  #: its smallest step, relative to the state
+STEP = 1e-4  #: step of the numerical Jacobian, in standard deviations
+RELATIVE_STEP = float(np.finfo(float).eps) ** (1 / 3)  #: smallest step of the numerical Jacobian, relative to the state
 
 
 class MomentRule(Protocol):
-    """How a Gaussian passes through a function that is not ``Linear``."""
+    """How a Gaussian passes through a function that is not ``Linear``; see the functions of the same names."""
 
     def transform(self, g: Function, x: Gaussian) -> tuple[Gaussian, Mask | None]: ...
     def moments(self, g: Function, x: Gaussian) -> tuple[Moments, Mask | None]: ...
 
 
 def transform(g: Function, x: Gaussian, rule: MomentRule) -> tuple[Gaussian, Mask | None]:
-    """Mean (..., m) and covariance (..., m, m) of g(x), and the runs whose covariance was repaired."""
+    """Return mean (..., m) and covariance (..., m, m) of g(x), and a mask (...) of runs whose covariance was repaired."""
     if isinstance(g, Linear):
         y = linear_moments(g, x)
         return Gaussian(y.mean, y.cov), None
@@ -37,18 +37,18 @@ def transform(g: Function, x: Gaussian, rule: MomentRule) -> tuple[Gaussian, Mas
 
 
 def moments(g: Function, x: Gaussian, rule: MomentRule) -> tuple[Moments, Mask | None]:
-    """As ``transform``, with the cross covariance (..., n, m) of x and g(x)."""
+    """Return what ``transform`` does, and the cross covariance (..., n, m) of x and g(x) with it."""
     return (linear_moments(g, x), None) if isinstance(g, Linear) else rule.moments(g, x)
 
 
 def linear_moments(g: Linear, x: Gaussian) -> Moments:
-    """The exact moments of an affine map."""
+    """Return the exact moments of an affine map."""
     cross = _times_transpose(x.cov, g.matrix)
     return Moments(g(x.mean), symmetrize(_times_transpose(cross.mT, g.matrix)), cross)
 
 
 def _times_transpose(a: Array, matrix: Array) -> Array:
-    """a matrix'; one product for all runs where they share the matrix, which is several times faster."""
+    """Return a matrix'. If all runs share the matrix this is one product, which is several times faster."""
     if matrix.ndim > 2:
         return a @ matrix.mT
     return (a.reshape(-1, a.shape[-1]) @ matrix.T).reshape(*a.shape[:-1], len(matrix))
@@ -56,13 +56,14 @@ def _times_transpose(a: Array, matrix: Array) -> Array:
 
 @dataclass(frozen=True)
 class SigmaPoints:
-    """Moments from the points of ``rule`` on the square root ``root`` of the covariance.
+    """Moments from the points chi_i = x + S xi_i and their images g(chi_i): 000 (3.3.62-66), (3.3.83-87).
 
-    chi_i = x + S xi_i, gamma_i = g(chi_i), weighted sums about the mean. # 000 (3.3.62-66), (3.3.83-87)
+    Raises:
+        ValueError: an unknown root.
     """
 
     rule: PointRule
-    root: str = "cholesky"  #: "cholesky" or "svd"
+    root: str = "cholesky"  #: how the root S of the covariance is taken: "cholesky" or "svd"
 
     def __post_init__(self) -> None:
         keep(self, "root", choice, ROOTS)
@@ -83,7 +84,7 @@ class SigmaPoints:
 
 
 def draw(mean: Array, S: Array, p: Points) -> Array:
-    """The points mean + S xi, shape (..., points, n)."""
+    """Return the points mean + S xi, shape (..., points, n)."""
     x = mean[..., None, :]
     if p.radius is None:
         chi = p.xi @ S.mT
@@ -100,20 +101,20 @@ def draw(mean: Array, S: Array, p: Points) -> Array:
 
 
 def weigh(y: Array, p: Points) -> Gaussian:
-    """Mean (..., m) and covariance (..., m, m) of images y (..., points, m)."""
+    """Return mean (..., m) and covariance (..., m, m) of images y (..., points, m)."""
     mean, cov, _ = _weigh(y, p)
     return Gaussian(mean, cov)
 
 
 def weigh_pair(x: Array, y: Array, p: Points) -> Moments:
-    """Moments of y (..., points, m), and its cross covariance with x (..., points, n), images of the same points."""
+    """Return the moments of y (..., points, m) and its cross covariance with x (..., points, n), for the same points."""
     n = x.shape[-1]
     mean, cov, _ = _weigh(np.concatenate([x, y], axis=-1), p)
     return Moments(mean[..., n:], cov[..., n:, n:], cov[..., :n, n:])
 
 
 def _weigh(y: Array, p: Points) -> tuple[Array, Array, Array]:
-    """Mean (..., m), covariance (..., m, m) and the outer images (..., points, m) about their average."""
+    """Return mean (..., m), covariance (..., m, m) and the outer images (..., points, m) minus their average."""
     if not p.centre:
         mean = p.wm @ y
         spread = y - mean[..., None, :]
@@ -129,7 +130,7 @@ def _weigh(y: Array, p: Points) -> tuple[Array, Array, Array]:
 
 
 def _product(a: Array, b: Array, p: Points) -> Array:
-    """Sum over the outer points of w a b', shape (..., a, b)."""
+    """Return the sum of w a b' over the outer points, shape (..., a, b)."""
     if p.equal is not None:
         product = a.mT @ b  # exactly symmetric for a is b
         product *= p.equal
@@ -140,7 +141,7 @@ def _product(a: Array, b: Array, p: Points) -> Array:
 
 @dataclass(frozen=True)
 class Linearized:
-    """Moments of the tangent of g at the mean, or at the origin whatever the mean is. # 000 (3.3.1-3)"""
+    """Moments of the tangent of g, taken at the mean or, whatever the mean is, at the origin: 000 (3.3.1-3)."""
 
     at: Literal["mean", "origin"] = "mean"
 
@@ -154,22 +155,22 @@ class Linearized:
 
 
 def tangent_moments(g: Function, x: Gaussian, at: Array) -> tuple[Moments, Array]:
-    """Moments of the tangent of g at ``at`` (..., n), and its matrix (..., m, n)."""
+    """Return the moments under the tangent of g at ``at`` (..., n), and the tangent's matrix (..., m, n)."""
     value, J = tangent(g, at, standard_deviations(x.cov))
     y = linear_moments(Linear(J), x._replace(mean=x.mean - at))
     return y._replace(mean=value + y.mean), J
 
 
 def standard_deviations(P: Array) -> Array:
-    """(..., n) from (..., n, n)."""
+    """Return the standard deviations (..., n) of a covariance (..., n, n)."""
     return np.sqrt(np.maximum(np.diagonal(P, axis1=-2, axis2=-1), 0.0))
 
 
 def tangent(g: Function, x: Array, scale: Array) -> tuple[Array, Array]:
-    """Value (..., m) and Jacobian (..., m, n) of g at x (..., n).
+    """Return value (..., m) and Jacobian (..., m, n) of g at x (..., n).
 
-    Uses ``g.jacobian(x)`` where g has it. Otherwise central differences, all 2n + 1 points in one call, with
-    steps of ``STEP`` times ``scale`` (..., n), the standard deviations, but no smaller than rounding allows.
+    The Jacobian is ``g.jacobian(x)`` if g has one. Otherwise it comes from central differences, with all 2n + 1 points in one
+    call. Steps are ``STEP`` times the standard deviations ``scale`` (..., n), but no smaller than rounding allows.
     """
     analytic = getattr(g, "jacobian", None)
     if isinstance(g, Linear):

@@ -1,14 +1,15 @@
-"""Adaptive noise: what each fix says of the mean and covariance of w and v, and how a filter remembers it.
+"""Adaptive noise: what each fix says about the mean and covariance of w and v, and how a filter remembers it.
 
-With x~ = x+ - x- = K e the correction, the statistics of Sage and Husa, 000 (3.4.45-48) = 002 (42-45), are
+With the innovation e and the correction x+ - x- = K e, the statistics of Sage and Husa, 000 (3.4.45-48) = 002 (42-45), are
 
     q: x+ - f(x)              = q + K e             Q: K e e' K' + P+ - PF = Q + K e e' K' - K S K'
     r: z - h(x-)              = r + e               R: e e' - PH           = R + e e' - S
 
-because P- = PF + Q and S = PH + R: each is the estimate in use plus the surprise of a correction against its own
-covariance. That form needs no part of the filter (PF, PH, K) beside its result, and nothing cancels.
+because P- = PF + Q and S = PH + R. Each is the estimate in use plus the difference of a correction squared and its expected
+covariance. The forms on the right need no inner parts of the filter (PF, PH), and no large terms cancel.
 
-One noise is a ``Gaussian``: mean (..., p), covariance (..., p, p). The told one is the unit of every bound.
+A noise is a ``Gaussian`` with mean (..., p) and covariance (..., p, p). Bounds are relative to the told noise.
+Equations and safeguards: docs/mathematics/filters.md#adaptive-noise.
 """
 
 from __future__ import annotations
@@ -28,21 +29,24 @@ GUARDS = ("damp", "positive", "none")
 
 
 class Noise(NamedTuple):
-    """The noises that a filter believes in, in driven directions: x' = f(x) + G w, z = h(x) + v."""
+    """The noises that a filter assumes: x' = f(x) + G w with w along the driven directions, and z = h(x) + v."""
 
-    w: Gaussian  #: q (..., p), Q (..., p, p)
-    v: Gaussian  #: r (..., m), R (..., m, m)
+    w: Gaussian  #: process noise: q (..., p), Q (..., p, p)
+    v: Gaussian  #: measurement noise: r (..., m), R (..., m, m)
 
 
 def memory_weight(k: NDArray[np.int64], b: float = 1.0) -> Array:
-    """d_k (...), the weight of the k-th statistic: 1/k for b = 1, else (1 - b)/(1 - b^k). # 000 (3.4.45-48), 002 (64-71)"""
+    """Return the weight d_k (...) of the k-th statistic: 1/k for b = 1, else (1 - b)/(1 - b^k).
+
+    Equations 000 (3.4.45-48), 002 (64-71).
+    """
     return np.asarray(1.0 / k if b == 1.0 else (1.0 - b) / (1.0 - b**k), dtype=float)
 
 
 def window_weights(k: NDArray[np.int64], m: int, b: float = 1.0) -> Array:
-    """Weights (..., m) of ring buffers whose slot k % m was written last, min(k, m) slots being in use; k (...).
+    """Return the weights (..., m) of ring buffers whose slot k % m was written last; min(k, m) slots are in use.
 
-    A normalised exponential of the age: what the recursion 002 (75-81) sums up to, but exact after a projection too.
+    The weights are normalised powers b^age. The recursion 002 (75-81) gives the same sum, but not after an estimate was bounded.
     """
     k = np.asarray(k)[..., None]
     age = (k - np.arange(m)) % m
@@ -51,10 +55,10 @@ def window_weights(k: NDArray[np.int64], m: int, b: float = 1.0) -> Array:
 
 
 def gated(innovation: Innovation, gate: float) -> tuple[Array, Mask]:
-    """How much (...) of each innovation counts, and which are beyond the gate: those count as if they lay on it.
+    """Return the factor (...) that shortens an innovation to the gate, and a mask of the innovations beyond it.
 
-    Shortened and not dropped, for a filter that is told too little noise finds every innovation too large and would
-    never learn better.
+    An innovation is shortened and not dropped. A filter that is told too little noise finds every innovation too large, and
+    would otherwise never learn.
     """
     size, limit = nis(innovation), gate_limit(gate, innovation.residual.shape[-1])
     beyond: Mask = size > limit
@@ -62,18 +66,20 @@ def gated(innovation: Innovation, gate: float) -> tuple[Array, Mask]:
 
 
 def variances(cov: Array) -> Array:
-    """The diagonal (..., p) of (..., p, p)."""
+    """Return the diagonal (..., p) of a covariance (..., p, p)."""
     return np.diagonal(cov, axis1=-2, axis2=-1)
 
 
 def statistic(now: Gaussian, moved: Gaussian, epochs: Array, damp: bool) -> Gaussian:
-    """What a correction says of the noise ``now``: Lambda of its mean and covariance.
+    """Return the statistic of one correction: mean and covariance of the noise that it suggests instead of ``now``.
 
-    ``moved``: the correction (..., p) and its covariance (..., p, p), K e and K S K' for w, e and S for v; ``epochs``
-    (...): how many draws of the noise lie behind it. ``damp`` scales both by s_i = min(1, sqrt(epochs now_ii / K S K'_ii)),
-    the share of the correction that the noise can have. Where other errors dominate, K S K' >> Q, the plain statistic
-    is a small difference of large numbers, with a standard deviation of sqrt(2) K S K'; damped it is unbiased still, of
-    relative error sqrt(2), and its variances are never negative.
+    ``moved`` is the correction (..., p) and its covariance (..., p, p): K e and K S K' for w, or e and S for v.
+    ``epochs`` (...) is the number of draws of the noise that lie behind it.
+
+    ``damp`` scales both by s_i = min(1, sqrt(epochs now_ii / K S K'_ii)), the largest share that the noise can have in the
+    correction. Without it, if other errors dominate (K S K' >> Q), the statistic is a small difference of large numbers. Its
+    standard deviation is then sqrt(2) K S K'. The damped statistic is unbiased too, has a relative error of sqrt(2), and
+    its variances are never negative.
     """
     step, expected = moved
     if damp:
@@ -86,29 +92,31 @@ def statistic(now: Gaussian, moved: Gaussian, epochs: Array, damp: bool) -> Gaus
 
 
 def least(moved: Gaussian, epochs: Array) -> Array:
-    """The statistic without its negative part, K e e' K' / epochs: biased, and positive. #
-    docs/mathematics/filters.md#adaptive-noise (c), 000 (3.5.15)"""
+    """Return the statistic without its negative part, K e e' K' / epochs, which is biased but positive: 000 (3.5.15)."""
     step = moved.mean
     return step[..., :, None] * step[..., None, :] / epochs[..., None, None]
 
 
 def replace_low(cov: Array, biased: Array, floor: Array) -> Array:
-    """``cov`` (..., p, p) with rows and columns of ``biased`` where a variance is below ``floor`` (..., p)."""
+    """Replace rows and columns of ``cov`` (..., p, p) by those of ``biased`` if a variance is below ``floor`` (..., p)."""
     low: Mask = variances(cov) < floor
     return np.where(low[..., :, None] | low[..., None, :], biased, cov)
 
 
 def bound_mean(mean: Array, told: Array, cap: float) -> Array:
-    """``mean`` (..., p) within sqrt(cap) standard deviations of the ``told`` covariance (..., p, p)."""
+    """Clip ``mean`` (..., p) to sqrt(cap) standard deviations of the ``told`` covariance (..., p, p)."""
     limit = np.sqrt(cap * variances(told))
     return np.clip(mean, -limit, limit)
 
 
 def bound(cov: Array, told: Array, floor: float, cap: float, project: str) -> Array:
-    """``cov`` (..., p, p) within [floor, cap] of the ``told`` one; a noise told to be zero stays zero.
+    """Bound ``cov`` (..., p, p) to [floor, cap] times the ``told`` one; a noise told to be zero stays zero.
 
-    "diagonal" bounds the variances and takes the told correlations, "full" the eigenvalues in units of the told
-    standard deviations; "none" leaves ``cov`` alone, indefinite or not.
+    ``project`` says what is bounded:
+
+    - "diagonal": the variances, while the correlations are the told ones;
+    - "full": the eigenvalues, in units of the told standard deviations;
+    - "none": nothing, even if ``cov`` is indefinite.
     """
     if project == "none":
         return cov
@@ -126,6 +134,6 @@ def bound(cov: Array, told: Array, floor: float, cap: float, project: str) -> Ar
 
 
 def _over(a: Array, b: Array) -> Array:
-    """a / b, and 0 where b is 0."""
+    """Return a / b, and 0 for b = 0."""
     b = np.broadcast_to(b, a.shape)
     return np.divide(a, b, out=np.zeros(a.shape), where=b > 0.0)

@@ -1,7 +1,7 @@
 """Point rules: what distinguishes one sigma-point filter from another.
 
-A rule gives points xi and weights for N(0, I); the points of N(x, S S') are x + S xi. ``points(rule, n)`` is
-cached, so a filter may ask for them at every step.
+A rule gives points xi and weights for N(0, I). The points of N(x, S S') are x + S xi. The results of ``points(rule, n)`` are
+cached, so a filter may ask for them at every step. Equations: docs/mathematics/filters.md#sigma-points.
 """
 
 from __future__ import annotations
@@ -21,31 +21,35 @@ from sins_env.checks import keep, number, refused
 class Points(NamedTuple):
     """Weighted points of N(0, I). A centre point, if the rule has one, comes first.
 
-    An outer point has the same weight for mean and covariance; only the centre's may differ. With y0 the
-    image of the centre, e = mean - y0 and ybar the weighted average of the outer images, the covariance
-    sum wc (y - mean)(y - mean)' equals sum_outer wc (y - ybar)(y - ybar)' + pull e e', which stays accurate
-    when the weights are huge (alpha = 1e-3 has wm[0] = -1e6).
+    An outer point has one weight for mean and covariance; the centre may have two. Let y0 be the image of the centre,
+    e = mean - y0, and ybar the weighted average of the outer images. Then the covariance is
+
+        sum wc (y - mean)(y - mean)' = sum_outer wc (y - ybar)(y - ybar)' + pull e e'.
+
+    The right side stays accurate when weights are huge: alpha = 1e-3 has wm[0] = -1e6.
     """
 
     xi: Array  #: (points, n)
-    wm: Array  #: (points,) weights of the mean, summing to one
-    wc: Array  #: (points,) weights of the covariance
-    centre: bool  #: whether xi[0] = 0
+    wm: Array  #: (points,), weights of the mean, with sum one
+    wc: Array  #: (points,), weights of the covariance
+    centre: bool  #: whether the first point is the origin
     total: float  #: sum of the outer weights
-    pull: float  #: factor of e e'; not used without a centre
-    equal: float | None  #: the weight of every outer point, None if they differ
-    radius: float | None = None  #: outer points at +- this distance on the axes, in their order; None: elsewhere
+    pull: float  #: factor of e e' in the covariance; not used without a centre
+    equal: float | None  #: the weight of every outer point; None: they differ
+    radius: float | None = None  #: distance of the outer points on the axes, first +, then -; None: they lie elsewhere
 
 
 class PointRule(Hashable, Protocol):
     """A hashable dataclass of settings that knows its points in every dimension."""
 
-    def build(self, n: int) -> Points: ...
+    def build(self, n: int) -> Points:
+        """Make the points in n dimensions."""
+        ...
 
 
 @cache
 def points(rule: PointRule, n: int) -> Points:
-    """The points of ``rule`` in n dimensions; the arrays are read-only and shared."""
+    """Return the points of ``rule`` in n dimensions; the arrays are shared and read-only."""
     p = rule.build(n)
     for array in (p.xi, p.wm, p.wc):
         array.setflags(write=False)
@@ -54,7 +58,7 @@ def points(rule: PointRule, n: int) -> Points:
 
 @dataclass(frozen=True)
 class Cubature:
-    """Third-degree spherical-radial rule, 2n points of equal weight. # 000 (3.3.82), 001 (21)"""
+    """The third-degree spherical-radial rule with 2n points of equal weight: 000 (3.3.82), 001 (21)."""
 
     def build(self, n: int) -> Points:
         w = np.full(2 * n, 0.5 / n)
@@ -65,15 +69,17 @@ class Cubature:
 
 @dataclass(frozen=True)
 class Unscented:
-    """Scaled unscented rule, 2n + 1 points. # 000 (3.3.48-3.3.60), with 3.3.54 and 3.3.57-58 corrected
+    """The scaled unscented rule with 2n + 1 points: 000 (3.3.48-60), with nos. 23 and 24 of docs/mathematics/errata.md.
 
-    alpha scales the spread of the points, beta = 2 knows of a Gaussian's fourth moment, kappa is the second
-    spread parameter. (1, 0, 0) gives the moments of ``Cubature``.
+    The settings (1, 0, 0) give the moments of ``Cubature``.
+
+    Raises:
+        ValueError: a setting outside its range; in ``build``, a kappa that is not above -n.
     """
 
-    alpha: float = 1.0
-    beta: float = 0.0
-    kappa: float = 0.0
+    alpha: float = 1.0  #: spread of the points, > 0
+    beta: float = 0.0  #: 2 suits the fourth moment of a Gaussian; 0 uses the covariance alone
+    kappa: float = 0.0  #: second spread parameter, > -n
 
     def __post_init__(self) -> None:
         keep(self, "alpha", number, above=0.0)
@@ -95,11 +101,11 @@ class Unscented:
 
 @dataclass(frozen=True)
 class FifthDegree:
-    """Fifth-degree spherical-radial rule, 2 n^2 + 1 points. Jia, Xin & Cheng (2013), # 003 (11-24),
-    docs/mathematics/filters.md#fifth-degree
+    """The fifth-degree spherical-radial rule with 2 n^2 + 1 points, exact for polynomials of degree 5.
 
-    Exact to degree 5. The points on the axes weigh (4 - n) / (2 (n + 2)^2): nothing for n = 4 and less beyond, where
-    a covariance of images may come out indefinite. n = 1 is the Gauss-Hermite rule of three points.
+    The points on the axes weigh (4 - n) / (2 (n + 2)^2). For n > 4 this is negative, and a covariance of images may come out
+    indefinite. For n = 1 it is the Gauss-Hermite rule of three points.
+    Source: Jia, Xin & Cheng (2013); 003 (11-24) as reconstructed in docs/mathematics/filters.md#fifth-degree.
     """
 
     def build(self, n: int) -> Points:

@@ -1,7 +1,6 @@
-"""Square roots S of covariances, P = S S', for whole batches; the only place where one is repaired.
+"""Square roots S of covariances, P = S S', for whole batches; the only place where a covariance is repaired.
 
-A root that needed repair is reported by a mask over the batch, or by None when no item did: the common case
-is one LAPACK call and costs nothing more.
+A mask over the batch tells which items were repaired, or None if there was none. That common case is a single LAPACK call.
 """
 
 from __future__ import annotations
@@ -13,38 +12,38 @@ import numpy as np
 
 from sins_env.arrays import Array, Mask
 
-Root = Callable[[Array], tuple[Array, Mask | None]]
+Root = Callable[[Array], tuple[Array, Mask | None]]  #: from P (..., n, n) to a root, and which items were repaired
 
 FLOOR = 1e-12  #: smallest eigenvalue of a repaired correlation matrix, relative to its largest
 
 
 def symmetrize(P: Array) -> Array:
-    """(P + P') / 2, shape (..., n, n)."""
+    """Return (P + P') / 2, shape (..., n, n)."""
     return 0.5 * (P + P.mT)
 
 
 def either(a: Mask | None, b: Mask | None) -> Mask | None:
-    """The items of one mask or the other; None: none."""
+    """Return the union of two masks; None stands for an empty mask."""
     return b if a is None else a if b is None else a | b
 
 
 def any_of(mask: Mask | None) -> Mask | None:
-    """The runs (...) of a mask over their components (..., G)."""
+    """Return the runs (...) of which a mask (..., G) over components has any; None stands for an empty mask."""
     return None if mask is None else np.asarray(mask.any(axis=-1))
 
 
 def tria(M: Array) -> Array:
-    """The lower triangular S (..., n, n), diagonal >= 0, with S S' = M M', for M (..., n, k), k >= n."""
+    """Return the lower triangular S (..., n, n) with S S' = M M' and diagonal >= 0, for M (..., n, k), k >= n."""
     S = cast(Array, np.linalg.qr(M.mT, mode="r")).mT
     return S * np.where(np.diagonal(S, axis1=-2, axis2=-1) < 0, -1.0, 1.0)[..., None, :]
 
 
 def cholesky(P: Array) -> tuple[Array, Mask | None]:
-    """The lower factor S of P = S S', shape (..., n, n), and which items (...) were repaired (None: no item).
+    """Return the lower factor S of P = S S', shape (..., n, n), and a mask (...) of the repaired items or None.
 
-    An item that is not positive definite is repaired by clipping the eigenvalues of its correlation matrix at
-    ``FLOOR``, so that the units of the states do not matter; a state of zero variance stays at zero. An item
-    that is not finite, or has no positive variance left, gets a NaN factor. The others keep their bits.
+    An item that is not positive definite is repaired: the eigenvalues of its correlation matrix are clipped at ``FLOOR``. The
+    units of the states therefore do not matter, and a state of zero variance keeps it. An item that is not finite, or has
+    no positive variance left, gets a NaN factor. All other items keep their bits.
     """
     try:
         return cast(Array, np.linalg.cholesky(P)), None
@@ -53,10 +52,10 @@ def cholesky(P: Array) -> tuple[Array, Mask | None]:
 
 
 def svd_root(P: Array) -> tuple[Array, Mask | None]:
-    """The eigen root S = U sqrt(Lambda) of P = U Lambda U', which takes a singular P as it is.
+    """Return the root S = U sqrt(Lambda) of P = U Lambda U', and a mask (...) of the repaired items or None.
 
-    Not triangular. Only an indefinite P, beyond rounding, counts as repaired. # 003,
-    docs/mathematics/filters.md#sigma-points "roots"
+    The root is not triangular and accepts a singular P. Only a P that is indefinite beyond rounding counts as repaired.
+    003 uses this root: docs/mathematics/filters.md#sigma-points.
     """
     finite = finite_items(P)
     eigenvalues, U = np.linalg.eigh(np.where(finite[..., None, None], P, 0.0))
@@ -71,9 +70,10 @@ def svd_root(P: Array) -> tuple[Array, Mask | None]:
 
 
 def semidefinite_root(P: Array) -> tuple[Array, Mask | None]:
-    """A root S of a P that may be singular, such as a Q with zero rows; only an indefinite P counts as repaired.
+    """Return a root S of a P that may be singular, such as a Q with zero rows, and a mask of repaired items or None.
 
-    Cholesky where it works, else the eigen root of the correlation matrix, which does not care about units.
+    The root is Cholesky's if that exists, else the eigenvector root of the correlation matrix, for which units do not
+    matter. Only an indefinite P counts as repaired.
     """
     diagonal = P * np.eye(P.shape[-1])
     if (diagonal == P).all() and (diagonal >= 0.0).all():
@@ -92,10 +92,10 @@ def semidefinite_root(P: Array) -> tuple[Array, Mask | None]:
 
 
 def indefinite(P: Array, whole: Array | None = None) -> Mask | None:
-    """Which items (...) have a negative eigenvalue beyond rounding; None: none. One that is not finite does not count.
+    """Return a mask (...) of the items with a negative eigenvalue beyond rounding, or None; only finite ones count.
 
-    Eigenvalues are those of the correlation matrix, or of P scaled by the variances of ``whole`` (..., n, n), which P
-    came from by a subtraction.
+    Eigenvalues are those of the correlation matrix. With ``whole`` (..., n, n), from which P came by a subtraction, P is
+    scaled by the standard deviations of ``whole`` instead.
     """
     try:
         np.linalg.cholesky(P)
@@ -107,7 +107,7 @@ def indefinite(P: Array, whole: Array | None = None) -> Mask | None:
     return None
 
 
-ROOTS: dict[str, Root] = {"cholesky": cholesky, "svd": svd_root}
+ROOTS: dict[str, Root] = {"cholesky": cholesky, "svd": svd_root}  #: the roots by the name of the setting ``root``
 
 
 def _cholesky_with_repairs(P: Array) -> tuple[Array, Mask | None]:
@@ -135,13 +135,13 @@ def _factor(P: Array, S: Array, bad: Mask) -> None:
 
 
 def _clipped_factor(P: Array) -> Array:
-    """The lower factor of P (B, n, n) with its negative part removed; NaN where nothing can be saved."""
+    """Return the lower factor of P (B, n, n) without its negative part; NaN if no positive variance is left."""
     finite = finite_items(P)
     scale, correlation = _correlation(np.where(finite[:, None, None], P, 0.0))
     eigenvalues, U = np.linalg.eigh(correlation)
     largest = eigenvalues[:, -1:]
     clipped = np.maximum(eigenvalues, FLOOR * np.maximum(largest, 0.0))
-    known = (scale == 0.0)[:, :, None] * np.eye(P.shape[-1])  # keeps their pivots to themselves in tria
+    known = (scale == 0.0)[:, :, None] * np.eye(P.shape[-1])  # a unit pivot for each state of zero variance, for tria
     S = scale[:, :, None] * tria(np.concatenate([U * np.sqrt(clipped)[:, None, :], known], axis=-1))
     lost = ~finite | ((largest[:, 0] <= 0.0) & (scale > 0.0).any(axis=-1))
     S[lost] = np.nan
@@ -149,12 +149,12 @@ def _clipped_factor(P: Array) -> Array:
 
 
 def _correlation(P: Array, whole: Array | None = None) -> tuple[Array, Array]:
-    """Deviations (..., n) of P, or of ``whole``, and P divided by them from both sides."""
+    """Return the standard deviations (..., n) of P, or of ``whole``, and P divided by them from both sides."""
     scale = np.sqrt(np.abs(np.diagonal(P if whole is None else whole, axis1=-2, axis2=-1)))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
     return scale, inverse[..., :, None] * symmetrize(P) * inverse[..., None, :]
 
 
 def finite_items(P: Array) -> Mask:
-    """Which items (...) of P (..., n, n) are finite; LAPACK may raise on others, and end the whole batch."""
+    """Return a mask (...) of the finite items of P (..., n, n); on others LAPACK may raise and end the whole batch."""
     return np.asarray(np.isfinite(P).all(axis=(-2, -1)))
