@@ -1,8 +1,8 @@
 """What every filter of the zoo shares: one step, beliefs of any make, and the care for runs that fail.
 
-A belief is a NamedTuple with ``health``; its other fields are arrays with the batch axes in front (nested
-NamedTuples of such arrays are fine), or values shared by all runs. Floating-point fields must be finite in a
-run that is well: that is how a lost run is found.
+A belief is a NamedTuple with ``health``. Its other fields are arrays with the batch axes in front, NamedTuples of such
+arrays, or values shared by all runs. Floating-point fields are finite in a run that is well; a run in which one is not
+is lost, and is frozen.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from solvers.types import MISSING, Function, Gaussian, Health, Innovation, Measu
 
 
 class AnyBelief(Protocol):
+    """A belief of any make; only its ``health`` is known here."""
+
     @property
     def health(self) -> Health: ...
 
@@ -29,34 +31,36 @@ B = TypeVar("B", bound=AnyBelief)
 
 @dataclass(frozen=True)
 class BatchFilter(ABC, Generic[B]):
-    """Base of the filters: a subclass says how its belief is made, predicts and corrects."""
+    """Base of the filters: a subclass makes its belief, and predicts and corrects it."""
 
-    batched: ClassVar[bool] = True  #: whether the filter takes any batch shape, or () alone
+    batched: ClassVar[bool] = True  #: whether the filter takes any batch shape; False: one run, of shape ()
 
     @abstractmethod
-    def init(self, prior: Gaussian, rng: Any = None) -> B: ...
+    def init(self, prior: Gaussian, rng: Any = None) -> B:
+        """Make the belief at the start; see :class:`solvers.types.Filter`."""
 
     @abstractmethod
     def predict(self, b: B, tr: Transition) -> B:
-        """The belief one epoch later; repairs and fallbacks are counted by ``count``."""
+        """Return the belief one epoch later; repairs and fallbacks are counted by ``count``."""
 
     @abstractmethod
     def correct(self, b: B, me: Measurement) -> tuple[B, Innovation]:
-        """The belief after a measurement, and the innovation."""
+        """Return the belief after a measurement, and the innovation."""
 
     @abstractmethod
-    def estimate(self, b: B) -> Gaussian: ...
+    def estimate(self, b: B) -> Gaussian:
+        """Return mean (..., n) and covariance (..., n, n) of the belief."""
 
     @abstractmethod
     def move(self, b: B, g: Function, jac: Callable[[Array], Array]) -> B:
-        """``relocate`` without the care for runs that it loses."""
+        """Do what ``relocate`` does, but without care for runs that it loses."""
 
     def step(self, b: B, tr: Transition, me: Measurement | None) -> tuple[B, Innovation | None]:
         """Predict, then correct.
 
-        A run without a fix, where others of the batch have one, has ``MISSING`` in its R: it predicts.
-        A run that turns non-finite is frozen at its last good belief and marked in ``health``; from then on
-        its innovation is NaN. The other runs go on as if it were not there.
+        A run without a fix, in a batch where others have one, has ``MISSING`` in its R and only predicts.
+        A run that turns non-finite is frozen at its last good belief and marked in ``health``. From then on
+        its innovation is NaN. It does not affect the other runs.
         """
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # such runs are marked instead
             x = self.predict(b, tr)
@@ -70,21 +74,22 @@ class BatchFilter(ABC, Generic[B]):
         return after, innovation
 
     def relocate(self, b: B, g: Function, jac: Callable[[Array], Array]) -> B:
-        """Feedback: every mean x becomes g(x), every covariance J(x) P J(x)'.
+        """Move every mean x to g(x) and every covariance P to J(x) P J(x)', as feedback into the INS asks.
 
-        Frozen runs are moved too: what they believe stays the same, only its origin changes.
+        Frozen runs are moved too, because only the origin of their errors changes. A run that the move makes non-finite is
+        frozen and marked.
         """
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             x = self.move(b, g, jac)
             return x if _finite(x) else _keep(b, x, _finite_runs(x), x.health)
 
     def diagnostics(self, b: B) -> dict[str, Array]:
-        """What the filter knows beside its estimate, by name: arrays with the batch axes in front."""
+        """Return what the filter knows beside its estimate, by name: arrays with the batch axes in front."""
         return {}
 
 
 def initial_health(*arrays: Array, batch: tuple[int, ...]) -> Health:
-    """A run whose arrays are not finite failed at epoch 0."""
+    """Return the health at the start; a run whose arrays are not finite has failed at epoch 0."""
     well: Mask = np.ones(batch, dtype=bool)
     for a in arrays:
         well = well & _finite_rows(a, len(batch))
@@ -93,7 +98,11 @@ def initial_health(*arrays: Array, batch: tuple[int, ...]) -> Health:
 
 
 def initial_gaussian(prior: Gaussian) -> Gaussian:
-    """``prior`` as fresh arrays: mean (..., n), covariance (..., n, n), from (n, n) too where all runs share it."""
+    """Copy ``prior`` to mean (..., n) and covariance (..., n, n); the covariance may be one (n, n) for all runs.
+
+    Raises:
+        ValueError: the shapes do not fit.
+    """
     mean = np.array(prior.mean, dtype=float)
     n = mean.shape[-1] if mean.ndim else 0
     given = np.shape(prior.cov)
@@ -104,7 +113,7 @@ def initial_gaussian(prior: Gaussian) -> Gaussian:
 
 
 def count(b: B, repairs: Mask | None = None, fallbacks: Mask | None = None) -> B:
-    """The belief with the runs of the masks (...) counted; None: none."""
+    """Return the belief with the runs of the masks (...) counted as repaired or fallen back; None: no run."""
     if repairs is None and fallbacks is None:
         return b
     health = b.health
@@ -116,7 +125,7 @@ def count(b: B, repairs: Mask | None = None, fallbacks: Mask | None = None) -> B
 
 
 def mixed(where: Mask, other: B, b: B) -> B:
-    """``other`` with its counts in the runs of the mask (...), ``b`` in the rest."""
+    """Return ``other`` with its counts in the runs of the mask (...), and ``b`` in the rest."""
     repairs = np.where(where, other.health.repairs, b.health.repairs)
     fallbacks = np.where(where, other.health.fallbacks, b.health.fallbacks)
     health = b.health._replace(repairs=repairs, fallbacks=fallbacks)
@@ -124,12 +133,12 @@ def mixed(where: Mask, other: B, b: B) -> B:
 
 
 def fall_back(where: Mask, b: B, other: B) -> B:
-    """``other`` in the runs of the mask (...), which are counted as fallbacks, ``b`` in the rest."""
+    """Return ``other`` in the runs of the mask (...), counted as fallbacks, and ``b`` in the rest."""
     return count(mixed(where, other, b), fallbacks=where)
 
 
 def settle(before: B, after: B) -> B:
-    """The belief that follows ``before``: ``after`` where it is sound, ``before`` where it is not or was frozen."""
+    """Return ``after`` in the runs that are finite and not frozen, and ``before`` in the others."""
     epoch, _, failed_at, _, frozen = before.health
     health = after.health._replace(epoch=epoch + 1)
     if not frozen and _finite(after):
@@ -141,14 +150,14 @@ def settle(before: B, after: B) -> B:
 
 
 def _keep(before: B, after: B, well: Mask, health: Health) -> B:
-    """``after`` in the runs that are well, ``before`` in the others, which fail now unless they failed before."""
+    """Return ``after`` in the runs that are well, and ``before`` in the others, marked as failed now or earlier."""
     failed_at = np.where(well | (health.failed_at >= 0), health.failed_at, health.epoch)
     health = health._replace(failed_at=failed_at, frozen=bool((failed_at >= 0).any()))
     return cast(Any, choose(well, after, before))._replace(health=health)
 
 
 def choose(well: Mask, after: Any, before: Any) -> Any:
-    """Field by field of NamedTuples ``after`` where ``well`` (...), else ``before``; health is that of ``after``."""
+    """Take every field from ``after`` in the runs of ``well`` (...), else from ``before``; health is that of ``after``."""
     if isinstance(after, Health):
         return after
     if isinstance(after, tuple):
@@ -160,7 +169,7 @@ def choose(well: Mask, after: Any, before: Any) -> Any:
 
 
 def _arrays(b: Any) -> Iterator[Array]:
-    """The floating-point arrays of a belief."""
+    """Yield the floating-point arrays of a belief."""
     for part in b:
         if isinstance(part, np.ndarray | np.generic):
             if part.dtype.kind == "f":
@@ -170,7 +179,7 @@ def _arrays(b: Any) -> Iterator[Array]:
 
 
 def _finite(b: Any) -> bool:
-    """Whether all runs are finite, by one number per array; False on overflow too, which the mask then settles."""
+    """Return whether all runs are finite, by one sum per array; a sum that overflows gives False too."""
     return all(math.isfinite(np.add.reduce(a, axis=None)) for a in _arrays(b))
 
 

@@ -1,6 +1,7 @@
-"""The Gaussian filter: predict and correct, written once.
+"""The Gaussian filter: predict and correct, written once, equations 000 (3.2.2-14).
 
-A filter of this kind is its moment rule: how a Gaussian passes through f and h. # 000 (3.2.2-14)
+A filter of this kind differs from another by its moment rule, which says how a Gaussian passes through f and h.
+Equations: docs/mathematics/filters.md#gaussian-update.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from solvers.types import Function, Gaussian, Health, Innovation, Measurement, T
 
 
 class Belief(NamedTuple):
+    """One Gaussian, and how its runs fare."""
+
     mean: Array  #: (..., n)
     cov: Array  #: (..., n, n)
     health: Health
@@ -33,35 +36,36 @@ B = TypeVar("B", bound=Any)  #: a Belief, or a NamedTuple with the fields of one
 class GaussianFilter(BatchFilter[B]):
     """Base of the filters whose belief is one Gaussian; a subclass gives the ``rule``.
 
-    A subclass whose belief holds more makes it in ``init``; predict, correct and move replace mean and covariance.
+    A subclass whose belief holds more makes it in ``init``. The other methods replace mean and covariance alone.
     """
 
     @cached_property
     def rule(self) -> MomentRule:
+        """How a Gaussian passes through f and h."""
         raise NotImplementedError(f"{type(self).__name__} has no moment rule")
 
     def init(self, prior: Gaussian, rng: Any = None) -> B:
-        """The belief at the start; a run whose prior is not finite failed at epoch 0. ``rng`` is not used."""
+        """Make the belief at the start; a run whose prior is not finite has failed at epoch 0. ``rng`` is not used."""
         return cast(B, initial_belief(prior))
 
     def process_noise(self, b: B, tr: Transition) -> Gaussian:
-        """w of the next epoch as the filter takes it, mean (..., n) and covariance (..., n, n): as told."""
+        """Return the assumed noise w of the next epoch: mean (..., n), covariance (..., n, n); here as told."""
         return Gaussian(np.zeros_like(b.mean), np.broadcast_to(tr.Q, b.cov.shape))
 
     def predict(self, b: B, tr: Transition) -> B:
-        """The belief one epoch later."""
+        """Return the belief one epoch later."""
         y, repaired = transform(tr.f, Gaussian(b.mean, b.cov), self.rule)
         return count(b._replace(mean=y.mean, cov=y.cov + tr.Q), repaired)
 
     def correct(self, b: B, me: Measurement) -> tuple[B, Innovation]:
-        """The belief after a measurement, from points redrawn about the prediction, and the innovation."""
+        """Return the belief after a measurement and the innovation; points are drawn anew about the prediction."""
         prior = Gaussian(b.mean, b.cov)
         y, repaired = moments(me.h, prior, self.rule)
         x, innovation, repaired_S = condition(prior, y._replace(cov=y.cov + me.R), me.z)
         return count(count(b._replace(mean=x.mean, cov=x.cov), repaired), repaired_S), innovation
 
     def estimate(self, b: B) -> Gaussian:
-        """The belief without its health."""
+        """Return the belief without its health."""
         return Gaussian(b.mean, b.cov)
 
     def move(self, b: B, g: Function, jac: Callable[[Array], Array]) -> B:
@@ -70,6 +74,6 @@ class GaussianFilter(BatchFilter[B]):
 
 
 def initial_belief(prior: Gaussian) -> Belief:
-    """``prior`` as a belief: mean (..., n), covariance (..., n, n) or (n, n) shared by all runs."""
+    """Make a belief of a prior with mean (..., n) and covariance (..., n, n), or (n, n) shared by all runs."""
     x = initial_gaussian(prior)
     return Belief(x.mean, x.cov, initial_health(x.mean, x.cov, batch=x.mean.shape[:-1]))

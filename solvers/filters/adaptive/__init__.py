@@ -1,4 +1,7 @@
-"""Adaptive filters: they estimate Q and R from their own innovations."""
+"""Adaptive filters: they are told a noise, and estimate Q, R and the means of the noise from their own innovations.
+
+Read ``base`` first, then ``aukf`` with its three memories, then ``augmented_aukf``.
+"""
 
 from sins_env import moved
 

@@ -1,15 +1,19 @@
 """Augmented adaptive unscented Kalman filter.
 
-Idea: draw the points of state, process noise and measurement noise together, send them through f and on through h
-without drawing anew, and take Q from the corrections of the last M fixes.
+Idea: draw the points of state, process noise and measurement noise together. Send them through f and on through h without
+drawing anew, and take Q from the corrections of the last M fixes.
 
-Source: 000 (3.5.1-15), docs/mathematics/filters.md#augmented-state, docs/mathematics/errata.md#chapter-3 (37, 38).
-Shapes: x (..., n), P (..., n, n), z (..., m); f gets (..., 2 (n + n_w) + 1, n), n_w of the p directions of w being driven.
-Departures: outer weights 0.5/(L + lambda), for only those sum to one (37). v is additive: its points would only add R and
-widen the others, so they are not drawn, and L = n + n_w with kappa + n_v gives the moments of L_a = n + n_w + n_v with
-kappa. 3.5.15 takes Q as the mean of K e e' K', which on average is P- - P+: every error that the filter still has to
-correct counts as process noise (38). ``unbiased`` adds the missing P+ - PF; False is 3.5.15, with 1/M for 1/(M - 1).
-A linear h is taken exactly. Safeguards: solvers/filters/adaptive/base.py.
+Source: 000 (3.5.1-15); docs/mathematics/filters.md#augmented-state.
+Shapes: x (..., n), P (..., n, n), z (..., m); f gets (..., 2 (n + n_w) + 1, n), with n_w the number of driven directions of w.
+Departures, with the numbers of docs/mathematics/errata.md#chapter-3:
+
+- The outer weights are 0.5/(L + lambda), because only those sum to one (37).
+- The noise v is additive. Its points would only add R and widen the others, so they are not drawn: L = n + n_w with
+  kappa + n_v gives the same moments as L = n + n_w + n_v with kappa.
+- Equation (3.5.15) takes the mean of K e e' K' for Q. On average this is P- - P+, so that every error which the filter still
+  has to correct counts as process noise (38). ``unbiased`` adds the missing P+ - PF; without it the equation is as
+  printed, but with 1/M for 1/(M - 1).
+- A linear h is used exactly. Safeguards are those of solvers/filters/adaptive/base.py.
 """
 
 from __future__ import annotations
@@ -36,7 +40,7 @@ from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measur
 
 
 class AugmentedBelief(NamedTuple):
-    """An ``AdaptiveBelief``, and the points on their way from f to h."""
+    """An ``AdaptiveBelief`` with the points that go from f to h."""
 
     mean: Array
     cov: Array
@@ -47,8 +51,8 @@ class AugmentedBelief(NamedTuple):
     fixes: NDArray[np.int64]
     idle: NDArray[np.int64]
     gated: NDArray[np.int64]
-    points: Array  #: (..., points, n) images under f
-    n_v: int  #: size of the last fix; it stays, for other runs of a batch may have one where this has none
+    points: Array  #: (..., points, n), images under f
+    n_v: int  #: size of the last fix; an epoch without a fix keeps it, so that all runs of a batch agree
 
 
 @register("augmented_aukf")
@@ -56,8 +60,8 @@ class AugmentedBelief(NamedTuple):
 class AugmentedAUKF(WindowedFilter):
     """The adaptive unscented filter on the state augmented with the noises."""
 
-    M: int = 200  #: fixes remembered
-    unbiased: bool = True  #: False: Q as 3.5.15 has it, without P+ - PF
+    M: int = 200  #: number of fixes remembered
+    unbiased: bool = True  #: whether P+ - PF is added to Q; False: 000 (3.5.15) as printed
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -105,7 +109,7 @@ class AugmentedAUKF(WindowedFilter):
         return new if self.unbiased else new._replace(cov=noises.least(moved, epochs))  # 000 (3.5.15)
 
     def _noise_root(self, b: Any, tr: Transition) -> tuple[Array, Any]:
-        """B (..., n, n_w) with B B' = Q: one column for each driven direction."""
+        """Return B (..., n, n_w) with B B' = Q, one column for each driven direction, and the repaired runs."""
         told = noises.variances(b.told.Q)
         driven = np.flatnonzero((told > 0.0).reshape(-1, told.shape[-1]).any(axis=0))
         Q = b.noise.w.cov[..., driven[:, None], driven]
@@ -118,7 +122,7 @@ class AugmentedAUKF(WindowedFilter):
 
 
 def _images(f: Function, chi: Array) -> Array:
-    """f at the points (..., points, n); a ``Linear`` may have a matrix for each run."""
+    """Return f at the points (..., points, n); a ``Linear`` may have a matrix for each run."""
     if not isinstance(f, Linear):
         return f(chi)
     y = chi @ f.matrix.mT

@@ -1,22 +1,25 @@
 """Adaptive unscented Kalman filters of Sage-Husa type: noise statistics by maximum a posteriori estimation.
 
-Idea: average what every fix says of the noise; the three differ in how they remember.
+Idea: average what every fix says about the noise; the three filters differ in how they remember.
 
-    aukf          noise that stays: the mean of all fixes, d_k = 1/k                       # 000 (3.4.45-48), 002 (42-45)
-    aukf_fading   slowly changing noise: weights falling with b, d_k = (1 - b)/(1 - b^k)   # 002 (68-71)
-    aukf_window   fast changing noise: the last m fixes, weights falling with b            # 002 (75-81)
+    aukf          constant noise: the mean over all fixes, d_k = 1/k                            000 (3.4.45-48), 002 (42-45)
+    aukf_fading   slowly changing noise: weights that fall with b, d_k = (1 - b)/(1 - b^k)      002 (68-71)
+    aukf_window   fast changing noise: the last m fixes, with weights that fall with b          002 (75-81)
 
 The told noise enters as k0 fixes that all said the same. The relative sampling error of a variance is sqrt(2/k) after k
-fixes, sqrt(2 (1 - b)/(1 + b)) with b and sqrt(2/m) with a window: 0.3 for the told value (k0 = 20), 0.1 for the memories
-(b = 0.99, m = 200). All fixes counting alike, a told value that is far off is forgotten as a power of 1/k only.
+fixes, sqrt(2 (1 - b)/(1 + b)) with b, and sqrt(2/m) with a window. This is 0.3 for the told value (k0 = 20) and 0.1 for the
+memories (b = 0.99, m = 200). If all fixes count alike, a told value that is far off is forgotten only as slowly as 1/k.
 
 Source: Zhao Lin et al. (2010), "Adaptive UKF filtering algorithm based on maximum a posterior estimation and
-exponential weighting", Acta Automatica Sinica 36(7) = 002; 000 section 3.4; Sage & Husa (1969).
+exponential weighting", Acta Automatica Sinica 36(7) = 002; 000 section 3.4; Sage & Husa (1969);
+docs/mathematics/filters.md#adaptive-noise.
 Shapes: x (..., n), P (..., n, n), z (..., m); q (..., p), Q (..., p, p), r (..., m), R (..., m, m).
-Departures: the safeguards of solvers/filters/adaptive/base.py, without which Q and R turn indefinite in most runs (errata
-33); the limited memory is summed over its buffer and not by 002's recursion, which adds up to the same but cannot follow
-when an estimate was bounded; points redrawn after the prediction (errata 27, 28). ``LITERAL`` are the settings of the
-papers.
+Departures, with the numbers of docs/mathematics/errata.md#chapter-3:
+
+- The safeguards of solvers/filters/adaptive/base.py; without them Q and R turn indefinite in most runs (33).
+- The limited memory is summed over its buffer. The recursion of 002 has the same sum, but cannot follow once an estimate
+  was bounded.
+- Points are drawn anew after the prediction (27, 28).
 """
 
 from __future__ import annotations
@@ -33,6 +36,7 @@ from solvers.blocks.noise import memory_weight, window_weights
 from solvers.filters.adaptive.base import AdaptiveFilter
 from solvers.filters.registry import register
 
+#: Settings of the papers, without any safeguard.
 LITERAL = {"k0": 0, "guard": "none", "project": "none", "gate": 1.0}
 
 
@@ -50,7 +54,7 @@ class AUKF(AdaptiveFilter):
 class FadingAUKF(AdaptiveFilter):
     """The adaptive unscented filter with fading memory."""
 
-    b: float = 0.99  #: what a fix counts for against the next one, > 0 and <= 1
+    b: float = 0.99  #: weight of a fix over that of the next one, > 0 and <= 1
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -62,20 +66,20 @@ class FadingAUKF(AdaptiveFilter):
 
 @dataclass(frozen=True)
 class WindowedFilter(AdaptiveFilter):
-    """Base of the filters that remember the last fixes alone."""
+    """Base of the filters that remember only the last fixes."""
 
     @property
     @abstractmethod
     def window(self) -> tuple[int, float]:
-        """Length and b."""
+        """Number of fixes in the memory, and the weight of a fix over that of the next one."""
 
     def blend(self, now: Array, new: Array, past: Array, k: NDArray[np.int64]) -> tuple[Array, Array]:
         m, b = self.window
         first = (k == self.k0 + 1) | (past.shape[-2] != m)
         past = past.copy()
-        if first.any():  # the slots of the fixes before hold what was told
+        if first.any():  # at the first fix all slots hold the told noise
             past = np.where(first[..., None, None], np.repeat(now[..., None, :], m, axis=-2), past)
-        if (k == k.max(initial=0)).all():  # as a rule all runs had as many fixes, which is faster
+        if (k == k.max(initial=0)).all():  # usually all runs had the same number of fixes, which is faster
             past[..., k.max(initial=0) % m, :] = new
             return window_weights(k.max(initial=0), m, b) @ past, past
         np.put_along_axis(past, (k % m)[..., None, None], new[..., None, :], axis=-2)
@@ -87,8 +91,8 @@ class WindowedFilter(AdaptiveFilter):
 class WindowAUKF(WindowedFilter):
     """The adaptive unscented filter with limited memory."""
 
-    m: int = 200  #: fixes remembered
-    b: float = 0.99  #: what a fix counts for against the next one, > 0 and <= 1
+    m: int = 200  #: number of fixes remembered
+    b: float = 0.99  #: weight of a fix over that of the next one, > 0 and <= 1
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,23 +1,22 @@
 """What the adaptive filters share: they estimate the noise that they are told, and filter with the estimate.
 
-Predict with the estimated q and Q, correct with the estimated r and R, then let the fix speak of the noise
-(solvers/blocks/noise.py); a filter says how it remembers, in ``blend``.
+A filter predicts with the estimated q and Q and corrects with the estimated r and R. Then the fix says something about the
+noise (solvers/blocks/noise.py). Each filter's ``blend`` says how it remembers that.
 
-Safeguards, 000 (3.4.45-48) being unusable without (docs/mathematics/filters.md#adaptive-noise,
-docs/mathematics/errata.md#chapter-3 (33)):
+Safeguards, without which 000 (3.4.45-48) is unusable (docs/mathematics/filters.md#adaptive-noise, and no. 33 of
+docs/mathematics/errata.md#chapter-3):
 
-- the told noise counts as ``k0`` fixes, else the first fix alone would replace it;
-- ``project``: "diagonal" adapts the variances and keeps the told correlations, "full" the eigenvalues; both hold them
-  within ``floor`` and ``cap`` times what was told, so that a noise told to be zero (a bias) stays zero. "none" does
-  nothing; an estimate that turns indefinite is then counted as a repair at each use;
-- ``guard``: "damp" scales each correction to the share that the noise can have in it, see ``statistic``. Without it
-  a filter that is told the truth is spoilt: as long as the errors of its start dominate, what they do is taken for
-  noise. "positive" is docs/mathematics/filters.md#adaptive-noise's (c): a variance that hits its floor is replaced
-  by the biased, positive statistic;
-- ``gate``: an innovation beyond this quantile of chi-square counts as one on it.
+- ``k0``: the told noise counts as so many fixes. Otherwise the first fix alone would replace it.
+- ``project``: "diagonal" adapts the variances and keeps the told correlations, "full" adapts the eigenvalues. Both stay
+  within ``floor`` and ``cap`` times the told ones, so that a noise told to be zero, such as a bias, stays zero. With "none"
+  nothing is bounded, and an estimate that turns indefinite is counted as a repair at each use.
+- ``guard``: "damp" scales each correction by the largest share that the noise can have in it. Without it a filter that is
+  told the true noise gets worse, because it takes the errors of its start for noise. With "positive", a variance that hits
+  its floor is replaced by the biased but positive statistic.
+- ``gate``: an innovation beyond this quantile of chi-square counts as if it lay there.
 
-Between fixes the noise adds up: a fix after several epochs speaks of their sum. A transition with G has its noise
-estimated in the driven directions: q_w = G+ q, Q_w = G+ Q G+'.
+Between fixes the noise adds up, so a fix after several epochs speaks of the sum. If a transition has a matrix G, the noise is
+estimated in the driven directions: q_w = G+ q and Q_w = G+ Q G+'.
 """
 
 from __future__ import annotations
@@ -42,18 +41,19 @@ from solvers.filters.gaussian import GaussianFilter, initial_belief
 from solvers.types import Gaussian, Health, Innovation, Measurement, Transition
 
 PARTS = ("q", "Q", "r", "R")
-Past = tuple[Array, Array]  #: of a mean and a covariance, each (..., slots, elements)
+Past = tuple[Array, Array]  #: remembered statistics of a mean and of a covariance, each (..., slots, elements)
 
 
 @dataclass(frozen=True)
 class Told:
-    """What a transition tells of w; one for all runs, hence no field of arrays."""
+    """The process noise that a transition tells. It is one value for all runs, so a belief holds it as it is."""
 
-    Q: Array  #: (..., p, p) in the driven directions
-    inverse: Array | None  #: G+ (p, n); None: G = I
+    Q: Array  #: (..., p, p), along the driven directions
+    inverse: Array | None  #: (p, n), pseudo-inverse of G; None: G = I
 
     @classmethod
     def by(cls, tr: Transition) -> Told:
+        """Take the told noise out of a transition."""
         if tr.G is None:
             return cls(tr.Q, None)
         inverse = cast(Array, np.linalg.pinv(tr.G))
@@ -61,30 +61,36 @@ class Told:
 
 
 class AdaptiveBelief(NamedTuple):
+    """One Gaussian, the estimated noise, and what the filter remembers of it."""
+
     mean: Array  #: (..., n)
     cov: Array  #: (..., n, n)
     health: Health
-    noise: Noise  #: in use; R as told where it is not adapted, Q likewise
-    past: tuple[Past, Past]  #: of (q, Q) and (r, R): what the memory keeps beside the estimate
-    told: Told | None  #: of w; None before the first epoch
-    fixes: NDArray[np.int64]  #: (...) so far, and k0
-    idle: NDArray[np.int64]  #: (...) epochs since the last fix
-    gated: NDArray[np.int64]  #: (...) innovations beyond the gate so far
+    noise: Noise  #: noise in use; parts that are not adapted are the told ones
+    past: tuple[Past, Past]  #: memory for (q, Q) and for (r, R), beside the estimates themselves
+    told: Told | None  #: told process noise; None before the first epoch
+    fixes: NDArray[np.int64]  #: (...), number of fixes so far plus k0
+    idle: NDArray[np.int64]  #: (...), number of epochs since the last fix
+    gated: NDArray[np.int64]  #: (...), number of innovations beyond the gate so far
 
 
 @dataclass(frozen=True)
 class AdaptiveFilter(GaussianFilter[Any]):
-    """Base of the adaptive filters; the moment rule is the unscented one."""
+    """Base of the adaptive filters; the moment rule is the unscented one.
 
-    adapt: str | tuple[str, ...] = "Q"  #: which of q, Q, r, R, as "Q", "qQ", ["q", "Q"], or "none"
-    k0: int = 20  #: fixes that the told noise counts for
+    Raises:
+        ValueError: a setting outside its range.
+    """
+
+    adapt: str | tuple[str, ...] = "Q"  #: which of q, Q, r, R are estimated: "Q", "qQ", ["q", "Q"], or "none"
+    k0: int = 20  #: number of fixes that the told noise counts for
     floor: float = 1e-6  #: least variance, relative to the told one
     cap: float = 1e2  #: largest variance, relative to the told one
     project: str = "diagonal"  #: "diagonal", "full" or "none"
     guard: str = "damp"  #: "damp", "positive" or "none"
-    gate: float = 0.999  #: probability of a good innovation to be within the gate; 1: no gate
+    gate: float = 0.999  #: probability that a good innovation lies within the gate; 1: no gate
     alpha: float = 1.0  #: spread of the points, > 0
-    beta: float = 0.0  #: 2 knows of a Gaussian's fourth moment, 0 nothing beyond the covariance
+    beta: float = 0.0  #: 2 suits the fourth moment of a Gaussian; 0 uses the covariance alone
     kappa: float = 0.0  #: second spread parameter, > -n
     root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
 
@@ -100,6 +106,7 @@ class AdaptiveFilter(GaussianFilter[Any]):
 
     @cached_property
     def adapted(self) -> tuple[str, ...]:
+        """The parts of the noise that are estimated, out of q, Q, r, R."""
         return () if self.adapt == "none" else tuple(self.adapt)
 
     @cached_property
@@ -108,10 +115,13 @@ class AdaptiveFilter(GaussianFilter[Any]):
 
     @abstractmethod
     def blend(self, now: Array, new: Array, past: Array, k: NDArray[np.int64]) -> tuple[Array, Array]:
-        """The estimate (..., s) after the statistic ``new``, the k-th of its run, and the past (..., slots, s) to keep."""
+        """Return the estimate (..., s) after the statistic ``new``, the k-th of its run, and the past to keep.
+
+        The past has the shape (..., slots, s). ``now`` (..., s) is the estimate before, and k has the shape (...).
+        """
 
     def init(self, prior: Gaussian, rng: Any = None) -> AdaptiveBelief:
-        """The prior; the noise is zero until the model tells it. ``rng`` is not used."""
+        """Make the belief at the start. The noise is zero until the model tells it; ``rng`` is not used."""
         b = initial_belief(prior)
         batch = b.mean.shape[:-1]
         nothing = Gaussian(np.zeros((*batch, 1)), np.zeros((*batch, 1, 1)))
@@ -120,11 +130,11 @@ class AdaptiveFilter(GaussianFilter[Any]):
         return AdaptiveBelief(*b, Noise(nothing, nothing), (empty, empty), None, zeros + self.k0, zeros, zeros)
 
     def propagate(self, b: Any, tr: Transition) -> Any:
-        """Predict with the noise in use; its Q is in ``tr``."""
+        """Predict with the noise in use, whose Q is in ``tr``."""
         return super().predict(b, tr)
 
     def shift(self, b: Any, q: Array) -> Any:
-        """The prediction moved by the mean (..., n) of the noise."""
+        """Move the prediction by the mean (..., n) of the noise."""
         return b._replace(mean=b.mean + q)
 
     def update(self, b: Any, me: Measurement) -> tuple[Any, Innovation]:
@@ -140,19 +150,19 @@ class AdaptiveFilter(GaussianFilter[Any]):
         return x if q is None else self.shift(x, q)
 
     def process_noise(self, b: AdaptiveBelief, tr: Transition) -> Gaussian:
-        """w as estimated, of the whole state."""
+        """Return the estimated noise w of the next epoch, for all states: mean (..., n), covariance (..., n, n)."""
         q, Q = self._driven(b, self._believed_w(b, Told.by(tr)), tr)
         return Gaussian(np.zeros_like(b.mean) if q is None else q, _each(Q, b))
 
     def _believed_w(self, b: AdaptiveBelief, told: Told) -> Gaussian:
-        """What is believed of w, in the driven directions: what is told where nothing was learnt yet."""
+        """Return the noise w that is assumed, along the driven directions; it is the told one before any fix."""
         w = b.noise.w
         if b.told is None or "Q" not in self.adapted:
             w = w._replace(cov=_each(told.Q, b))
         return w._replace(mean=np.zeros(w.cov.shape[:-1])) if b.told is None else w
 
     def _driven(self, b: AdaptiveBelief, w: Gaussian, tr: Transition) -> tuple[Array | None, Array]:
-        """Mean (..., n) and covariance of G w; the mean None where it is not adapted, the covariance the told one."""
+        """Return mean (..., n) and covariance of G w; if not adapted, the mean is None and the covariance the told one."""
         G, q, Q = tr.G, None, tr.Q
         if "q" in self.adapted:
             q = w.mean if G is None else w.mean @ G.T
@@ -174,7 +184,7 @@ class AdaptiveFilter(GaussianFilter[Any]):
         return x._replace(fixes=b.fixes + 1, idle=np.zeros_like(b.idle)), innovation
 
     def _told_v(self, b: AdaptiveBelief, R: Array) -> Gaussian:
-        """What is believed of v before this fix: what is told where nothing was learnt yet."""
+        """Return the noise v that is assumed before this fix; it is the told one before the first."""
         v, new = b.noise.v, b.fixes == self.k0
         if "R" not in self.adapted or new.all():
             v = v._replace(cov=_each(R, b))
@@ -183,13 +193,13 @@ class AdaptiveFilter(GaussianFilter[Any]):
         return v._replace(mean=np.where(new[..., None], np.zeros(v.cov.shape[:-1]), v.mean)) if new.any() else v
 
     def diagnostics(self, b: AdaptiveBelief) -> dict[str, Array]:
-        """The noise in use: means, and variances or, where those are adapted as a whole, covariances."""
+        """Return the noise in use: means, and variances with ``project`` "diagonal", else covariances."""
         w, v = b.noise
         cov = noises.variances if self.project == "diagonal" else np.asarray
         return {"q": w.mean, "Q": cov(w.cov), "r": v.mean, "R": cov(v.cov), "gated": b.gated.astype(float)}
 
     def _learn(self, b: AdaptiveBelief, x: AdaptiveBelief, innovation: Innovation, R: Array) -> AdaptiveBelief:
-        """The noise after the fix that led from ``b`` to ``x``."""
+        """Return ``x`` with the noise as estimated after the fix that led from ``b`` to ``x``."""
         assert b.told is not None  # for mypy
         counted, beyond = noises.gated(innovation, self.gate)
         residual, S = counted[..., None] * innovation.residual, innovation.cov
@@ -205,7 +215,7 @@ class AdaptiveFilter(GaussianFilter[Any]):
     def _absorb(
         self, parts: str, now: Gaussian, moved: Gaussian, epochs: Array, told: Array, past: Past, k: NDArray[np.int64]
     ) -> tuple[Gaussian, Past]:
-        """One noise after a correction ``moved``, with the covariance of such corrections, has spoken of it."""
+        """Return one noise and its memory after a correction ``moved``, given with its expected covariance."""
         mean, cov = now
         past_mean, past_cov = past
         if parts[0] in self.adapted or parts[1] in self.adapted:
@@ -222,11 +232,11 @@ class AdaptiveFilter(GaussianFilter[Any]):
         return Gaussian(mean, cov), (past_mean, past_cov)
 
     def statistic(self, now: Gaussian, moved: Gaussian, epochs: Array) -> Gaussian:
-        """Lambda of one noise."""
+        """Return the statistic of one noise; see :func:`solvers.blocks.noise.statistic`."""
         return noises.statistic(now, moved, epochs, self.guard == "damp")
 
     def _blend_cov(self, now: Array, new: Array, past: Array, k: NDArray[np.int64]) -> tuple[Array, Array]:
-        """``blend`` for covariances: their diagonals where only those are adapted, which keeps the memory small."""
+        """Blend covariances; if only variances are adapted the memory holds diagonals, which keeps it small."""
         p = now.shape[-1]
         if self.project == "diagonal":
             variance, past = self.blend(noises.variances(now), noises.variances(new), past, k)
@@ -239,12 +249,12 @@ class AdaptiveFilter(GaussianFilter[Any]):
 
 
 def _each(matrix: Array, b: AdaptiveBelief) -> Array:
-    """``matrix`` (p, p) or (..., p, p) for every run."""
+    """Copy ``matrix`` (p, p) or (..., p, p) for every run."""
     return np.broadcast_to(matrix, (*b.mean.shape[:-1], *matrix.shape[-2:])).copy()
 
 
 def _parts(name: str, given: Any) -> str | tuple[str, ...]:
-    """Check of ``adapt``; JSON has no tuples."""
+    """Check the setting ``adapt``, which may be a list, for JSON has no tuples."""
     parts = given if isinstance(given, str) else items(given)
     for part in [] if given == "none" else [given] if parts is None else parts:
         if part not in PARTS:

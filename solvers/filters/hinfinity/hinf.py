@@ -1,22 +1,26 @@
 """H-infinity filters hinf_kf and hinf_ukf: a bound on the worst gain from disturbances to errors.
 
-Idea: gain and mean as in the Kalman filter, then the covariance is inflated, P = (D^-1 - gamma^-2 L'L)^-1, which keeps
-sum |L e|^2 below gamma^2 (|x0 - x^|^2 in P0^-1 + sum |w|^2 in Q^-1 + sum |v|^2 in R^-1), whatever x0, w and v are.
-gamma -> infinity is the Kalman filter. An ordinary filter with Q + Phi (P - D) Phi' in the next prediction is the same.
+Idea: gain and mean are those of the Kalman filter. Then the posterior covariance D is inflated,
+
+    P = (D^-1 - gamma^-2 L'L)^-1,
+
+which keeps sum |L e|^2 below gamma^2 (|x0 - x^|^2 in P0^-1 + sum |w|^2 in Q^-1 + sum |v|^2 in R^-1) for all x0, w and v.
+With gamma -> infinity it is the Kalman filter. Adding Phi (P - D) Phi' to Q in the next prediction is the same filter.
 
 Source: 000 (4.2.14-24), (4.3.5-22); Hassibi, Sayed & Kailath (1996), Linear estimation in Krein spaces,
 IEEE Trans. Automatic Control 41(1); docs/mathematics/filters.md#h-infinity.
 Shapes: x (..., n), P (..., n, n), z (..., m), gamma (...); ``...`` any batch.
 Departures:
-- L = diag(1 / sigma_i) of the prior instead of I, which adds rad to m/s: gamma has no unit. It keeps out of L the
-  states that no noise drives, such as biases: one that no fix sees gains no information, so its covariance escapes
-  after ``horizon_s`` with certainty. (In SI units L = I does the same unawares: a bias is a small number there.)
-- The sum over fixes is one over time, each fix with the seconds since the last: gamma^2 = horizon_s / seconds. So the
-  rates of fixes and epochs do not matter, and a state of prior variance escapes if it stays unobserved for horizon_s.
-- Existence, gamma^2 > lambda_max(L D L'), is seen to at every fix; (4.2.18) prints the posterior in place of D^-1. Where
-  it fails, or lambda_max(L P L') would exceed ``cap``, gamma is raised for that fix, just enough, and counted. Existence
-  alone is a poor safeguard: just above it P has no bound, and sigma points twice around the circle do not come back.
-With a gamma that varies, by horizon_s at uneven fixes excepted, only the bound of the largest survives.
+
+- L is diag(1 / sigma_i) of the prior, so that gamma has no unit; L = I would add rad to m/s. States that no noise drives, such
+  as biases, are left out of L. If no fix observes such a state, its covariance would certainly escape after ``horizon_s``.
+- The sum over fixes is made one over time: each fix counts with the seconds since the last, gamma^2 = horizon_s / seconds.
+  The rates of fixes and epochs then do not matter. A state of prior variance escapes if it stays unobserved for ``horizon_s``.
+- Existence, gamma^2 > lambda_max(L D L'), is checked at every fix (docs/mathematics/errata.md no. 42). If it fails, or
+  lambda_max(L P L') would exceed ``cap``, gamma is raised for this fix as far as needed, and counted. Existence alone is a
+  poor safeguard. Just above it P has no bound, and sigma points that go twice around the circle do not come back.
+
+If gamma varies, only the bound of the largest gamma holds; a variation by ``horizon_s`` at uneven fixes is the exception.
 """
 
 from __future__ import annotations
@@ -39,12 +43,14 @@ from solvers.types import Gaussian, Health, Innovation, Measurement, Transition
 
 
 class HinfBelief(NamedTuple):
+    """One Gaussian with an inflated covariance, and what the next inflation needs."""
+
     mean: Array  #: (..., n)
-    cov: Array  #: (..., n, n) the inflated P
-    scale: Array  #: (..., n) what L would be with all states in it
-    weight: Array  #: (..., n) diagonal of L
-    waited: Array  #: (...) s since the last inflation
-    theta: Array  #: (...) gamma^-2 of the last inflation
+    cov: Array  #: (..., n, n), the inflated P
+    scale: Array  #: (..., n), diagonal of L if all states were in it
+    weight: Array  #: (..., n), diagonal of L
+    waited: Array  #: (...), s since the last inflation
+    theta: Array  #: (...), gamma^-2 of the last inflation
     health: Health
 
 
@@ -56,17 +62,21 @@ ON_FAILURE = ("raise_gamma", "error")
 
 @dataclass(frozen=True)
 class HinfFilter(GaussianFilter[B]):
-    """Base: the settings, L and gamma; a subclass gives the ``rule``."""
+    """Base of the H-infinity filters: the settings, L and gamma; a subclass gives the ``rule``.
+
+    Raises:
+        ValueError: a setting outside its range; with ``on_failure`` "error", a gamma that would have to be raised.
+    """
 
     gamma2: float | None = None  #: gamma^2 at every fix; None: from horizon_s; inf: the Kalman filter
     horizon_s: float = 60.0  #: s, gamma^2 times the time between fixes
-    #: s, gamma^2 is at least (1 + tau_s / time between fixes) lambda_max(L D L'); None: fixed
+    #: s, keeps gamma^2 at least (1 + tau_s / time between fixes) lambda_max(L D L'); None: no such rule
     tau_s: float | None = None
-    weigh: str = "driven"  #: what L holds: states with process noise, or "all"
-    weights: tuple[float, ...] | None = None  #: the diagonal of L, of all states; None: 1 / sigma of the prior
-    cap: float = 2.0  #: how far an inflation may take lambda_max(L P L'), in units of the prior, > 1
-    on_failure: str = "raise_gamma"  #: or "error": a ValueError where gamma would have to be raised
-    dt_s: float = 1.0  #: s per epoch, where the transition does not say
+    weigh: str = "driven"  #: states that L holds: "driven", those with process noise, or "all"
+    weights: tuple[float, ...] | None = None  #: the diagonal of L, for all states; None: 1 / sigma of the prior
+    cap: float = 2.0  #: largest lambda_max(L P L') that an inflation may reach, in units of the prior, > 1
+    on_failure: str = "raise_gamma"  #: "raise_gamma", or "error": a ValueError instead
+    dt_s: float = 1.0  #: s per epoch, if the transition does not tell it
 
     def __post_init__(self) -> None:
         _ = self.rule  # checks its settings
@@ -86,7 +96,11 @@ class HinfFilter(GaussianFilter[B]):
         keep(self, "dt_s", number, above=0.0)
 
     def init(self, prior: Gaussian, rng: Any = None) -> B:
-        """The belief at the start, with the scale of L; ``rng`` is not used."""
+        """Make the belief at the start, with the scale of L. ``rng`` is not used.
+
+        Raises:
+            ValueError: ``weights`` has another length than the state.
+        """
         x = initial_belief(prior)
         scale, zeros = reciprocal_deviations(x.cov), np.zeros(x.mean.shape[:-1])
         if self.weights is not None:
@@ -96,28 +110,32 @@ class HinfFilter(GaussianFilter[B]):
         return self.belief(HinfBelief(x.mean, x.cov, scale, scale, zeros, zeros, x.health))
 
     def belief(self, b: HinfBelief) -> B:
-        """``b`` as this filter's belief at the start."""
+        """Make this filter's own belief at the start from ``b``."""
         return cast(B, b)
 
     def predict(self, b: B, tr: Transition) -> B:
-        """The belief one epoch later."""
+        """Return the belief one epoch later."""
         return self.wait(super().predict(b, tr), tr)
 
     def wait(self, b: B, tr: Transition) -> B:
-        """The belief with the time and the L of this epoch."""
+        """Add the time of this epoch to the belief, and set its L."""
         weight = b.scale
         if self.weigh == "driven" and self.weights is None:
             weight = weight * (np.diagonal(tr.Q, axis1=-2, axis2=-1) > 0.0)
         return b._replace(weight=weight, waited=b.waited + (self.dt_s if tr.dt is None else tr.dt))
 
     def correct(self, b: B, me: Measurement) -> tuple[B, Innovation]:
-        """The Kalman filter's correction, then the inflation."""
+        """Correct as the Kalman filter does, then inflate the covariance."""
         b, innovation = super().correct(b, me)
         b = self.bound(b, b.cov)
         return b._replace(cov=inflate(b.cov, b.weight, b.theta)), innovation
 
     def bound(self, b: B, D: Array) -> B:
-        """The belief with the theta = gamma^-2 that the posterior D (..., n, n) is to be inflated with."""
+        """Set the theta = gamma^-2 with which the posterior covariance D (..., n, n) is to be inflated.
+
+        Raises:
+            ValueError: gamma would have to be raised, and ``on_failure`` is "error".
+        """
         with np.errstate(divide="ignore"):
             wanted = b.waited / self.horizon_s if self.gamma2 is None else np.full_like(b.waited, 1.0) / self.gamma2
             if self.tau_s is not None:
@@ -143,16 +161,16 @@ class HinfFilter(GaussianFilter[B]):
             )
 
     def diagnostics(self, b: B) -> dict[str, Array]:
-        """gamma^-2 of the last inflation, and lambda_max(L P L'), which tells of an escape."""
+        """Return gamma^-2 of the last inflation, and lambda_max(L P L'), which grows when a covariance escapes."""
         return {"inverse_gamma2": b.theta, "largest": largest(b.cov, b.weight)}
 
 
 @register("hinf_kf")
 @dataclass(frozen=True)
 class HinfKF(HinfFilter[HinfBelief]):
-    """The linear H-infinity filter of the error dynamics at zero error; closed loop, as kf."""
+    """The linear H-infinity filter of the error dynamics at zero error; it runs closed loop, as ``kf`` does."""
 
-    feedback: ClassVar[str] = "closed"  #: what the pipeline does unless told otherwise
+    feedback: ClassVar[str] = "closed"  #: feedback into the INS, unless a setting says otherwise
 
     @cached_property
     def rule(self) -> MomentRule:
@@ -161,10 +179,10 @@ class HinfKF(HinfFilter[HinfBelief]):
 
 @dataclass(frozen=True)
 class UnscentedHinf(HinfFilter[B]):
-    """Base of those with the unscented rule."""
+    """Base of the H-infinity filters with the unscented rule."""
 
     alpha: float = 1.0  #: spread of the points, > 0
-    beta: float = 0.0  #: 2 knows of a Gaussian's fourth moment, 0 nothing beyond the covariance
+    beta: float = 0.0  #: 2 suits the fourth moment of a Gaussian; 0 uses the covariance alone
     kappa: float = 0.0  #: second spread parameter, > -n
     root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
 

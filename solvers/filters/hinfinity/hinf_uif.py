@@ -1,13 +1,17 @@
 """H-infinity unscented information filter: hinf_ukf with the correction in Y = P^-1.
 
-Idea: a fix adds information, Y = Y- + Hs' R^-1 Hs, with the statistical slope Hs = P_xy' Y- in place of a Jacobian, and
-the H-infinity bound takes some away, P = (Y - gamma^-2 L'L)^-1. Equal to hinf_ukf, up to rounding.
+Idea: a fix adds information, Y = Y- + Hs' R^-1 Hs, with the statistical slope Hs = P_xy' Y- in place of a Jacobian. The
+H-infinity bound takes some away, P = (Y - gamma^-2 L'L)^-1. The filter equals hinf_ukf up to rounding.
 
-Source: 000 (4.3.23-37); docs/mathematics/filters.md#h-infinity. Shapes: x (..., n), P, Y (..., n, n), z (..., m), Hs (..., m, n).
-Departures: R + the spread of h about its slope, P_yy - Hs P- Hs', where (4.3.32-33) have R alone, for without it the
-filter is not hinf_ukf on a nonlinear h; the information vector is taken about x-, so that a state known exactly, which
-has no finite information, keeps its value. R must be positive
-definite, for an exact fix has none either. L, gamma and its raising as in hinf.py.
+Source: 000 (4.3.23-37); docs/mathematics/filters.md#h-infinity.
+Shapes: x (..., n), P, Y (..., n, n), z (..., m), Hs (..., m, n).
+Departures:
+
+- R is increased by the spread of h about its slope, P_yy - Hs P- Hs', which (4.3.32-33) leave out. Without it the filter is
+  not hinf_ukf for a nonlinear h (docs/mathematics/errata.md no. 46).
+- The information vector is taken about x-. A state known exactly, whose information is infinite, then keeps its value.
+- R must be positive definite, because an exact fix has infinite information too.
+- L, gamma and its raising are those of hinf.py.
 """
 
 from __future__ import annotations

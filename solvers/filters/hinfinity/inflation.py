@@ -1,7 +1,8 @@
-"""The H-infinity inflation P = (D^-1 - theta L'L)^-1, theta = gamma^-2, and when it exists. # 000 (4.2.17-24), (4.3.14-15)
+"""The H-infinity inflation P = (D^-1 - theta L'L)^-1 with theta = gamma^-2, and when it exists.
 
-L is diagonal and given by its diagonal ``weight`` (..., n); D is (..., n, n), theta (...). The form used,
-P = D + theta D L'(I - theta L D L')^-1 L D, needs no inverse of D, nor of the indefinite R_e that the source inverts.
+Equations 000 (4.2.17-24), (4.3.14-15). L is diagonal and given by its diagonal ``weight`` (..., n); D is (..., n, n), theta
+(...). The code uses P = D + theta D L'(I - theta L D L')^-1 L D. It needs neither the inverse of D nor that of the indefinite
+matrix R_e, which the source inverts. See docs/mathematics/filters.md#h-infinity.
 """
 
 from __future__ import annotations
@@ -12,22 +13,22 @@ from sins_env.arrays import Array, Mask
 from solvers.blocks.moments import standard_deviations
 from solvers.blocks.square_root import finite_items, symmetrize
 
-ROUNDING = 1e-8  #: least 1 - theta lambda_max(L D L'), which is the pivot of a division
+ROUNDING = 1e-8  #: smallest 1 - theta lambda_max(L D L') allowed, because the inflation divides by it
 
 
 def reciprocal_deviations(P: Array) -> Array:
-    """The L that makes the prior P the unit: 1 / sigma_i (..., n), and 0 where sigma_i is 0."""
+    """Return the diagonal 1 / sigma_i (..., n) of the L for which L P L' has ones on its diagonal; 0 for sigma_i = 0."""
     sigma = standard_deviations(P)
     return np.divide(1.0, sigma, out=np.zeros(sigma.shape), where=sigma > 0.0)
 
 
 def weighed(D: Array, weight: Array) -> Array:
-    """L D L'."""
+    """Return L D L', shape (..., n, n)."""
     return weight[..., :, None] * D * weight[..., None, :]
 
 
 def largest(D: Array, weight: Array) -> Array:
-    """lambda_max(L D L') (...); NaN where D is not finite."""
+    """Return lambda_max(L D L') (...); NaN for a D that is not finite."""
     M = weighed(D, weight)
     finite = finite_items(M)
     top = np.linalg.eigvalsh(np.where(finite[..., None, None], M, 0.0))[..., -1]
@@ -35,10 +36,10 @@ def largest(D: Array, weight: Array) -> Array:
 
 
 def admissible(D: Array, weight: Array, theta: Array, cap: float) -> tuple[Array, Mask | None]:
-    """``theta``, lowered in the runs of the mask so that P exists and lambda_max(L P L') is at most ``cap``.
+    """Lower ``theta`` (...) so that P exists and lambda_max(L P L') is at most ``cap``, and return the lowered runs.
 
-    P exists where theta lambda_max(L D L') < 1, and has the eigenvalue l / (1 - theta l) for every l of L D L'. Where
-    that of D is beyond the cap already, theta becomes 0. # 000 (4.2.18) corrected
+    P exists if theta lambda_max(L D L') < 1. Each eigenvalue l of L D L' becomes l / (1 - theta l). If D is beyond the cap
+    already, theta becomes 0. Equation 000 (4.2.18) with no. 42 of docs/mathematics/errata.md corrected.
     """
     trace = (np.diagonal(D, axis1=-2, axis2=-1) * weight**2).sum(axis=-1)  # no eigenvalue is larger
     close = np.asarray(theta > 0.0) & ((theta + 1.0 / cap) * trace > 1.0)
@@ -52,7 +53,7 @@ def admissible(D: Array, weight: Array, theta: Array, cap: float) -> tuple[Array
 
 
 def inflate(D: Array, weight: Array, theta: Array) -> Array:
-    """P for a theta that is ``admissible``."""
+    """Return the inflated P (..., n, n) for a theta that is ``admissible``."""
     LD = weight[..., :, None] * D
     A = np.eye(D.shape[-1]) - theta[..., None, None] * weighed(D, weight)
     return D + theta[..., None, None] * symmetrize(LD.mT @ np.linalg.solve(A, LD))

@@ -1,17 +1,20 @@
 """Mixed UKF / H-infinity UKF: one state, corrected by a mixture of two gains.
 
-Idea: K = d K_ukf + (1 - d) K_hinf, each from its own covariance, the two being carried side by side about one mean.
+Idea: K = d K_ukf + (1 - d) K_hinf. Each gain comes from its own covariance, and the two are carried side by side about one mean.
 
-**d is a heuristic.** 000 derives d = tr P_hinf / tr(P_ukf + P_hinf), (4.4.2), as the mixture of least variance from two
-estimates with uncorrelated errors. But both use the same fixes: under the model the cross covariance equals P_ukf, and
-the formula before that assumption, (4.4.11), gives d = 1, the UKF. What a smaller d buys is a trade of variance against
-the H-infinity bound, and no theorem says how good a one; with d of (4.4.2) it lies between 1/2 and 1.
+The share d is a heuristic. 000 derives d = tr P_hinf / tr(P_ukf + P_hinf), (4.4.2), as the mixture of least variance of two
+estimates with uncorrelated errors. But both use the same fixes. Under the model their cross covariance equals P_ukf, and the
+formula before that assumption, (4.4.11), gives d = 1, which is the UKF (docs/mathematics/errata.md no. 51). A smaller d trades
+variance for the H-infinity bound, and no theorem says how well. With (4.4.2) d lies between 1/2 and 1.
 
-Source: 000 (4.4.1-11); docs/mathematics/filters.md#mixed-filter. Shapes: x (..., n), covariances (..., n, n), d (...).
-Departures: traces of L P L', which have no unit; the covariance reported is a third one, of the error that this gain
-leaves under the model, for docs/mathematics/filters.md#mixed-filter's starts anew from P_ukf- at each fix, as if the
-last gains had been the UKF's.
-(4.4.10) has a misprint that does not matter here. L, gamma and its raising as in hinf.py.
+Source: 000 (4.4.1-11); docs/mathematics/filters.md#mixed-filter.
+Shapes: x (..., n), covariances (..., n, n), d (...).
+Departures:
+
+- The traces are those of L P L', which have no unit.
+- The reported covariance is a third one: that of the error which the mixed gain leaves under the model. The source's
+  starts from the UKF's covariance at each fix, as if the earlier gains had been the UKF's.
+- L, gamma and its raising are those of hinf.py.
 """
 
 from __future__ import annotations
@@ -38,11 +41,13 @@ UKF, HINF, MIXED = 0, 1, 2  #: the order of the three covariances
 
 
 class MixedBelief(NamedTuple):
+    """One mean with three covariances; the other fields are those of ``HinfBelief``."""
+
     mean: Array  #: (..., n)
-    cov: Array  #: (..., n, n) of the mixed estimate
-    covs: Array  #: (..., 3, n, n) of the UKF, of the H-infinity UKF, and ``cov`` again
-    d: Array  #: (...) the UKF's share of the last gain
-    scale: Array  #: (..., n) as in HinfBelief, and so on
+    cov: Array  #: (..., n, n), covariance of the mixed estimate
+    covs: Array  #: (..., 3, n, n), covariances of the UKF, of the H-infinity UKF, and ``cov`` again
+    d: Array  #: (...), the UKF's share of the last gain
+    scale: Array
     weight: Array
     waited: Array
     theta: Array
@@ -52,7 +57,7 @@ class MixedBelief(NamedTuple):
 @register("mixed_hinf_ukf")
 @dataclass(frozen=True)
 class MixedHinfUKF(UnscentedHinf[MixedBelief]):
-    """The mixed UKF / H-infinity UKF; its mixing rule is a heuristic, the optimum under the model being the UKF."""
+    """The mixed UKF / H-infinity UKF; its mixing rule is a heuristic, for under the model the optimum is the UKF."""
 
     d: float | None = None  #: the UKF's share of the gain, 0 to 1; None: (4.4.2)
 
@@ -92,7 +97,7 @@ class MixedHinfUKF(UnscentedHinf[MixedBelief]):
         return b._replace(mean=mean, cov=cov, covs=posterior, d=d), Innovation(residual, mixed.cov)
 
     def share(self, covs: Array, weight: Array) -> Array:
-        """d (...) of the gain. # 000 (4.4.2)"""
+        """Return the UKF's share d (...) of the gain, 000 (4.4.2), from covs (..., 3, n, n) and the diagonal of L (..., n)."""
         if self.d is not None:
             return np.full(weight.shape[:-1], self.d)
         traces = (np.diagonal(covs, axis1=-2, axis2=-1) * (weight**2)[..., None, :]).sum(axis=-1)
@@ -105,7 +110,7 @@ class MixedHinfUKF(UnscentedHinf[MixedBelief]):
         return b._replace(mean=g(b.mean), cov=covs[..., MIXED, :, :], covs=covs)
 
     def diagnostics(self, b: MixedBelief) -> dict[str, Array]:
-        """As hinf_ukf, of the H-infinity covariance, and d."""
+        """Return the diagnostics of hinf_ukf for the H-infinity covariance, and the share d."""
         return {**super().diagnostics(b._replace(cov=b.covs[..., HINF, :, :])), "d": b.d}
 
 

@@ -1,1 +1,4 @@
-"""Kalman filters by linearisation: KF, EKF, iterated, invariant and predictive forms, and an adapter to filterpy."""
+"""Kalman filters by linearisation: linear, extended, iterated, invariant and predictive, and an adapter to filterpy.
+
+Read ``kf`` and ``ekf`` first; they differ only in where the tangent is taken.
+"""

@@ -4,8 +4,8 @@ Idea: replace f and h by their tangents at the current mean, then do as the Kalm
 
 Source: Jazwinski (1970), Stochastic Processes and Filtering Theory, ch. 8; equations in 000 (3.3.1-3.3.9).
 Shapes: x (..., n), P (..., n, n), z (..., m); ``...`` any batch.
-Departures: x- = f(x) and z- = h(x-), where 000 prints Phi x and H x-, true of linear systems alone; posterior
-as P - K S K' instead of Joseph's form; Jacobians of functions without ``jacobian`` by central differences.
+Departures: x- = f(x) and z- = h(x-), for which 000 prints Phi x and H x- (docs/mathematics/errata.md no. 19). The posterior
+covariance is P - K S K' instead of Joseph's form. A function without ``jacobian`` gets one by central differences.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """filterpy 2.0's filters behind our contract: the field's baseline, with its own arithmetic and limits.
 
 Source: R. Labbe, filterpy 2.0.0, classes KalmanFilter, ExtendedKalmanFilter, UnscentedKalmanFilter.
-One run at a time: batch shape (), ``batched`` False. A filterpy object is made for each step and given the
-belief, so nothing hides in it between steps. Its cubature filter is not offered, for its update never sees Q.
-A covariance that filterpy cannot factor freezes the run; nothing is repaired for it.
+One run at a time: batch shape (), ``batched`` False. A filterpy object is made for each step and given the belief, so it
+keeps nothing between steps. Its cubature filter is not offered, because its update leaves out Q. A covariance that filterpy
+cannot factor freezes the run; nothing is repaired for it.
 """
 
 from __future__ import annotations
@@ -29,30 +29,34 @@ from solvers.types import Function, Gaussian, Innovation, Measurement, Transitio
 
 @cache
 def _filterpy() -> ModuleType:
-    """filterpy.kalman, imported when first used: it pulls in matplotlib, half a second."""
+    """Import filterpy.kalman when it is first used, for it imports matplotlib, which takes half a second."""
     import filterpy.kalman
 
     return filterpy.kalman
 
 
 def _root(P: Array) -> Array:
-    """filterpy's default root, without the ValueError that would hide a non-finite run among wrong shapes."""
+    """Return filterpy's default root, but without its ValueError for values that are not finite."""
     S: Array = scipy.linalg.cholesky(P, check_finite=False)
     return S
 
 
 @dataclass(frozen=True)
 class FilterpyFilter(ABC):
-    """Base of the adapters: a subclass makes the filterpy object and lets it predict and update."""
+    """Base of the adapters: a subclass makes a filterpy object and lets it predict and update."""
 
     batched: ClassVar[bool] = False
 
     @abstractmethod
     def run(self, b: Belief, tr: Transition, me: Measurement | None) -> Any:
-        """The filterpy object after one step from ``b``."""
+        """Return the filterpy object after one step from ``b``."""
 
     def init(self, prior: Gaussian, rng: Any = None) -> Belief:
-        """The belief at the start, of one run."""
+        """Make the belief of one run at the start; ``rng`` is not used.
+
+        Raises:
+            ValueError: a prior of more than one run.
+        """
         shape = np.shape(prior.mean)
         if len(shape) != 1:
             raise ValueError(
@@ -62,7 +66,7 @@ class FilterpyFilter(ABC):
         return initial_belief(prior)
 
     def step(self, b: Belief, tr: Transition, me: Measurement | None) -> tuple[Belief, Innovation | None]:
-        """Predict, then correct; a run that filterpy breaks on is frozen and marked."""
+        """Predict, then correct; a run on which filterpy fails is frozen and marked."""
         lost = Gaussian(np.full_like(b.mean, np.nan), b.cov), None
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             try:
@@ -92,7 +96,7 @@ class FilterpyFilter(ABC):
 class FilterpyKF(FilterpyFilter):
     """filterpy's KalmanFilter with the tangents of f and h at the origin, as our ``kf``."""
 
-    feedback: ClassVar[str] = "closed"
+    feedback: ClassVar[str] = "closed"  #: feedback into the INS, unless a setting says otherwise
 
     def run(self, b: Belief, tr: Transition, me: Measurement | None) -> Any:
         n, m = b.mean.size, 1 if me is None else me.z.size
@@ -117,7 +121,7 @@ class FilterpyEKF(FilterpyFilter):
         o = _filterpy().ExtendedKalmanFilter(dim_x=n, dim_z=m)
         o.x, o.P, o.Q = b.mean, b.cov, tr.Q
         predicted, o.F = tangent(tr.f, b.mean, standard_deviations(b.cov))
-        o.predict_x = lambda u=0: setattr(o, "x", predicted)  # the overriding that filterpy's manual asks for
+        o.predict_x = lambda u=0: setattr(o, "x", predicted)  # filterpy's manual asks to override this method
         o.predict()
         if me is not None:
             scale = standard_deviations(o.P)
@@ -128,10 +132,10 @@ class FilterpyEKF(FilterpyFilter):
 @register("filterpy_ukf")
 @dataclass(frozen=True)
 class FilterpyUKF(FilterpyFilter):
-    """filterpy's UnscentedKalmanFilter on MerweScaledSigmaPoints; 2.0 redraws its points after the prediction."""
+    """filterpy's UnscentedKalmanFilter on MerweScaledSigmaPoints; 2.0 draws its points anew after the prediction."""
 
     alpha: float = 1.0  #: spread of the points, > 0
-    beta: float = 0.0  #: 2 knows of a Gaussian's fourth moment, 0 nothing beyond the covariance
+    beta: float = 0.0  #: 2 suits the fourth moment of a Gaussian; 0 uses the covariance alone
     kappa: float = 0.0  #: second spread parameter, > -n
 
     def __post_init__(self) -> None:

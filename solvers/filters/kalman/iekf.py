@@ -1,14 +1,15 @@
 """Iterated extended Kalman filter.
 
-Idea: the tangent of the extended Kalman filter is taken where the estimate was before the fix. Take it again where the fix
-moved the estimate, and so on: Gauss-Newton steps to the maximum of the posterior. With a linear h, as that of INS minus GPS,
-all that can be taken again is the tangent of f: ``smooth`` does so, at the estimate of the state before the last transition
-given the fix. Without it the filter is the textbook's, and with a linear h the extended Kalman filter.
+Idea: Gauss-Newton steps to the maximum of the posterior, of which the extended Kalman filter takes the first. Each step takes
+the tangent of h again, at the newest estimate. If h is linear, as that of INS minus GPS, only the tangent of f can be taken
+again. ``smooth`` does so, at the estimate, given the fix, of the state before the last transition. Without ``smooth`` the
+filter is the textbook's, which for a linear h is the extended Kalman filter.
 
-Source: Bell & Cathey (1993), doi:10.1109/9.250476; the transition as in Kullberg, Skog & Hendeby (2024), arXiv:2404.15359.
+Source: Bell & Cathey (1993), doi:10.1109/9.250476; the transition as in Kullberg, Skog & Hendeby (2024), arXiv:2404.15359;
+docs/mathematics/filters.md#extended-kalman-filters.
 Shapes: x (..., n), P (..., n, n), z (..., m); ``...`` any batch.
-Departures: a run stops for itself once no state moves by more than ``tolerance`` standard deviations; no line search. ``smooth``
-goes back one transition, not to the last fix.
+Departures: each run stops by itself when no state moves by more than ``tolerance`` standard deviations. There is no line
+search. ``smooth`` goes back one transition, not to the last fix.
 """
 
 from __future__ import annotations
@@ -32,14 +33,16 @@ from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measur
 
 @dataclass(frozen=True)
 class Step:
-    """The transition that led to a prediction: what came before it, and Cov(x before, x after)."""
+    """The transition that led to a prediction, with the estimate before it."""
 
     tr: Transition
-    before: Gaussian
-    cross: Array  #: (..., n, n)
+    before: Gaussian  #: the estimate before the transition
+    cross: Array  #: (..., n, n), cross covariance of the states before and after
 
 
 class Predicted(NamedTuple):
+    """One Gaussian, and the transition that led to it."""
+
     mean: Array  #: (..., n)
     cov: Array  #: (..., n, n)
     health: Health
@@ -49,11 +52,11 @@ class Predicted(NamedTuple):
 @register("iekf")
 @dataclass(frozen=True)
 class IEKF(GaussianFilter[Predicted]):
-    """The extended Kalman filter with tangents taken anew where the fix led."""
+    """The extended Kalman filter with tangents taken again at the estimate after the fix."""
 
-    iterations: int = 5  #: most tangents per fix; 1: the extended Kalman filter
-    tolerance: float = 1e-3  #: in standard deviations
-    smooth: bool = True  #: take the tangent of the last transition anew as well
+    iterations: int = 5  #: largest number of tangents per fix; 1: the extended Kalman filter
+    tolerance: float = 1e-3  #: change of the estimate, in standard deviations, below which the iteration stops
+    smooth: bool = True  #: whether the tangent of the last transition is taken again too
 
     def __post_init__(self) -> None:
         keep(self, "iterations", whole, least=1)
@@ -65,7 +68,7 @@ class IEKF(GaussianFilter[Predicted]):
         return Linearized("mean")
 
     def init(self, prior: Gaussian, rng: object = None) -> Predicted:
-        """The belief at the start; a run whose prior is not finite failed at epoch 0. ``rng`` is not used."""
+        """Make the belief at the start; a run whose prior is not finite has failed at epoch 0. ``rng`` is not used."""
         return Predicted(*initial_belief(prior), None)
 
     def predict(self, b: Predicted, tr: Transition) -> Predicted:
@@ -87,7 +90,7 @@ class IEKF(GaussianFilter[Predicted]):
             going = going & (np.abs(there - at) > self.tolerance * standard_deviations(x.cov)).any(axis=-1)
             if not going.any():
                 break
-            at = np.where(going[..., None], there, at)  # a run that stands gets the tangents that it has
+            at = np.where(going[..., None], there, at)  # a run that has stopped keeps its tangents
             if step is not None:
                 first = np.where(going[..., None], step.before.mean + led[..., : at.shape[-1]], first)
                 x, step = _again(step, first)
@@ -100,6 +103,6 @@ class IEKF(GaussianFilter[Predicted]):
 
 
 def _again(step: Step, at: Array) -> tuple[Gaussian, Step]:
-    """The prediction with the tangent of the transition at ``at`` (..., n), a state before it."""
+    """Predict again with the tangent of the transition taken at ``at`` (..., n), a state before it."""
     y, _ = tangent_moments(step.tr.f, step.before, at)
     return Gaussian(y.mean, y.cov + step.tr.Q), replace(step, cross=y.cross)

@@ -1,15 +1,15 @@
 """Invariant extended Kalman filter.
 
-Idea: the error of an INS as an element of a group, Exp(xi) = X_hat X^-1 with X = (C, v, p) in SE_2(3), grows as X_hat needs not
-know: on a flat earth at rest xi' = A xi whatever the error and whatever the motion, so that a tangent at zero is exact. The
-corrections are group exponentials. The filter is the extended Kalman filter; that its states are such xi, biases appended, is
-what it asks of the pipeline (:mod:`solvers.pipeline.errors.invariant`).
+Idea: the error of an INS as an element of a group, Exp(xi) = X_hat X^-1 with X = (C, v, p) in SE_2(3). On a flat earth at rest
+it grows as xi' = A xi, whatever the motion and however large the error. A tangent at zero is then exact. Corrections are
+group exponentials. The filter itself is the extended Kalman filter. It asks the pipeline for states xi with the biases
+appended (:mod:`solvers.pipeline.errors.invariant`).
 
-Source: Barrau & Bonnabel (2017), doi:10.1109/TAC.2016.2594085; right-invariant, "imperfect" by its biases.
+Source: Barrau & Bonnabel (2017), doi:10.1109/TAC.2016.2594085; docs/mathematics/error_models.md#invariant-coordinates.
+The filter is the right-invariant one, and "imperfect" because of the biases.
 Shapes: x (..., n), P (..., n, n), z (..., m); ``...`` any batch.
-Departures: the earth turns and is round, as in docs/mathematics/error_models.md#navigation-model, so that the growth
-is linear but for that; the covariance is
-carried through each reset by its Jacobian.
+Departures: the earth turns and is round, as in docs/mathematics/error_models.md#navigation-model. The growth is linear up to
+these small terms. The covariance is carried through each reset by its Jacobian.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from solvers.filters.registry import register
 @register("inekf")
 @dataclass(frozen=True)
 class InEKF(EKF):
-    """The right-invariant extended Kalman filter; closed loop."""
+    """The right-invariant extended Kalman filter; it runs closed loop."""
 
-    feedback: ClassVar[str] = "closed"  #: what the pipeline does unless told otherwise
-    coordinates: ClassVar[str] = "invariant"  #: of the errors
+    feedback: ClassVar[str] = "closed"  #: feedback into the INS, unless a setting says otherwise
+    coordinates: ClassVar[str] = "invariant"  #: coordinates of the errors, unless a setting says otherwise

@@ -1,24 +1,23 @@
 """Predictive filter: the model error of an epoch is what best explains the fix at its end.
 
-Idea: x' = f(x) + w, w = L d with L L' = Q. The filter has no prior covariance; it picks the d that minimises
+Idea: x' = f(x) + w with w = L d and L L' = Q. The filter has no prior covariance. It picks the d that minimises
 
-    1/2 r' R^-1 r + 1/2 d' W d,    r = z - h(x'),
+    1/2 r' R^-1 r + 1/2 d' W d,    r = z - h(x').
 
-puts half of L d in at either end of the epoch, and so x+ = x- + B d, B = (L + F L) / 2, F the tangent of f. With
-S = H B that is d = (S' R^-1 S + W)^-1 S' R^-1 (z - h(f(x))). # docs/mathematics/filters.md#predictive-filter, with
-Lambda S of the source in discrete form: half
-and half gives dt for a state that is driven itself and dt^2 / 2 for one that is driven through another.
+Half of L d enters at either end of the epoch, so that x+ = x- + B d with B = (L + F L) / 2 and F the tangent of f. With S = H B
+the minimum is at d = (S' R^-1 S + W)^-1 S' R^-1 (z - h(f(x))). This is the source's Lambda S in discrete form: a state that the
+noise drives moves by dt, and one behind it by dt^2 / 2.
 
-As d is in standard deviations of the told noise, W is one number, and the update is the Kalman update from the prior
-N(f(x), B B' / W). W follows the covariance constraint E[r r'] = R, r after the update: each fix turns it by
-exp(rate (1 - r' R^-1 r / m)), so residuals that are too large loosen the model and others tighten it.
+The unit of d is a standard deviation of the told noise, so W is one number. The update is the Kalman update from the prior
+N(f(x), B B' / W). W follows the covariance constraint E[r r'] = R, with r after the update: each fix multiplies it by
+exp(rate (1 - r' R^-1 r / m)). Residuals that are too large thus loosen the model, and small ones tighten it.
 
-Source: Crassidis & Markley (1997), doi:10.2514/2.4035; 004 section 3.1, which prints no equations.
+Source: Crassidis & Markley (1997), doi:10.2514/2.4035; 004 section 3.1, which prints no equations;
+docs/mathematics/filters.md#predictive-filter.
 Shapes: x (..., n), P (..., n, n), z (..., m); ``...`` any batch.
-Departures: the source has no covariance. The one reported is that of the errors of this gain K under the told model,
-(I - K H)(F P F' + Q)(I - K H)' + K R K', and does not enter the estimate. The filter moves only what the noise drives,
-and only as much as one epoch lets the fix see: constant biases are never learnt, and a heading hardly: it tracks, it
-cannot align. # docs/mathematics/filters.md#predictive-filter
+Departures: the source has no covariance. The reported one is that of the errors which the gain K leaves under the told model,
+(I - K H)(F P F' + Q)(I - K H)' + K R K'; it does not enter the estimate. The filter moves only what the noise drives, and only
+as far as one epoch shows. It tracks, but it never learns a constant bias, hardly a heading, and so it cannot align.
 """
 
 from __future__ import annotations
@@ -39,16 +38,18 @@ from solvers.filters.gaussian import GaussianFilter, initial_belief
 from solvers.filters.registry import register
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Moments, Transition
 
-LARGEST = 10.0  #: squared residual over its expectation, beyond which a fix does not loosen the model further
-RANGE = 1e12  #: by which W may leave the value that it started from, up or down
+LARGEST = 10.0  #: squared residual over its expectation beyond which a fix does not loosen the model any further
+RANGE = 1e12  #: largest factor between W and its value at the start, up or down
 
 
 class PredictiveBelief(NamedTuple):
+    """One estimate, its covariance under the told model, and the weight of the model error."""
+
     mean: Array  #: (..., n)
     cov: Array  #: (..., n, n)
     health: Health
-    reach: Array  #: (..., n, n) B B': where the model error of the epoch can carry the state
-    trust: Array  #: (...) 1 / W
+    reach: Array  #: (..., n, n), B B': how far the model error of an epoch can move the state
+    trust: Array  #: (...), 1 / W
 
 
 @register("mpf")
@@ -57,7 +58,7 @@ class MPF(GaussianFilter[PredictiveBelief]):
     """The predictive filter of Crassidis and Markley on an epoch map."""
 
     weight: float = 1.0  #: W at the start, > 0; inf: no model error
-    rate: float = 0.01  #: of the adaptation of W to the covariance constraint per fix, at least 0
+    rate: float = 0.01  #: rate at which a fix adapts W to the covariance constraint, 0 to 1
 
     def __post_init__(self) -> None:
         keep(self, "weight", number, least=1e-12, infinite=True)
@@ -93,7 +94,10 @@ class MPF(GaussianFilter[PredictiveBelief]):
         return count(b, repaired), Innovation(residual, y.cov)
 
     def gain(self, y: Moments, by_error: Moments, H: Array) -> tuple[Array, Mask | None]:
-        """K (..., n, m) of the whole update, from the moments of z under the told model and under its error alone."""
+        """Return the gain K (..., n, m) of the update, and a mask (...) of repaired runs.
+
+        ``y`` holds the moments of z under the told model, ``by_error`` those under the model error of the epoch alone.
+        """
         K, _, repaired = gain(by_error)
         return K, repaired
 
@@ -110,10 +114,10 @@ class MPF(GaussianFilter[PredictiveBelief]):
 class MPFEKF(MPF):
     """The extended Kalman filter whose prediction takes in the model error that the predictive filter finds.
 
-    x- = f(x) + B d, then the EKF update from there. Both use the same fix, so the gains are joined,
-    K = K_d + K_ekf (I - H K_d), and the covariance is that of the joint gain: never below the EKF's, for a right model
-    needs no d. The constraint on the residuals turns d off while the model holds; noise heavier than told it cannot tell
-    from model error, and then it spoils what the EKF has learnt. weight = inf is the EKF.
+    The prediction is x- = f(x) + B d, and the EKF update starts there. Both use the same fix, so the gains are joined:
+    K = K_d + K_ekf (I - H K_d). The covariance is that of the joint gain, which is never below the EKF's. While the model
+    holds, the constraint on the residuals turns d off. If the noise is larger than told, the filter takes it for model
+    error and loses what the EKF has learnt. With ``weight`` inf it is the EKF.
     """
 
     def gain(self, y: Moments, by_error: Moments, H: Array) -> tuple[Array, Mask | None]:

@@ -70,13 +70,13 @@ class ASMUGSF(GaussianFilter[Adaptive]):
     components: int = 3  #: of the process noise
     omega: float = 0.5  #: share of the noise along the split that the components' means carry
     adapt: bool = True  #: whether Q is; False: it stays as told
-    b: float = 0.99  #: what a fix counts for against the next one, > 0 and <= 1
-    k0: int = 20  #: fixes that the told Q counts for
+    b: float = 0.99  #: weight of a fix over that of the next one, > 0 and <= 1
+    k0: int = 20  #: number of fixes that the told Q counts for
     floor: float = 1e-6  #: least variance, relative to the told one
     cap: float = 1e2  #: largest variance, relative to the told one
-    gate: float = 0.999  #: probability of a good innovation to be within the gate; 1: no gate
+    gate: float = 0.999  #: probability that a good innovation lies within the gate; 1: no gate
     alpha: float = 1.0  #: spread of the points, > 0
-    beta: float = 0.0  #: 2 knows of a Gaussian's fourth moment, 0 nothing beyond the covariance
+    beta: float = 0.0  #: 2 suits the fourth moment of a Gaussian; 0 uses the covariance alone
     kappa: float = 0.0  #: second spread parameter, > -n
     root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
 

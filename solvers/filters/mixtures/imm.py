@@ -120,7 +120,7 @@ class IMMUKF(_IMM):
     """Interacting multiple models of the noise, by unscented Kalman filters."""
 
     alpha: float = 1.0  #: spread of the points, > 0
-    beta: float = 0.0  #: 2 knows of a Gaussian's fourth moment, 0 nothing beyond the covariance
+    beta: float = 0.0  #: 2 suits the fourth moment of a Gaussian; 0 uses the covariance alone
     kappa: float = 0.0  #: second spread parameter, > -n
     root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
 

@@ -54,7 +54,7 @@ class UGPF(CGPF):
     """The unscented Gaussian particle filter."""
 
     alpha: float = 1.0  #: spread of the points, > 0
-    beta: float = 0.0  #: 2 knows of a Gaussian's fourth moment, 0 nothing beyond the covariance
+    beta: float = 0.0  #: 2 suits the fourth moment of a Gaussian; 0 uses the covariance alone
     kappa: float = 0.0  #: second spread parameter, > -n
 
     def __post_init__(self) -> None:

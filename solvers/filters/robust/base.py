@@ -42,7 +42,7 @@ class RobustFilter(GaussianFilter[RobustBelief]):
     """A Gaussian filter whose update is reweighted by ``weigh``; cubature points."""
 
     rounds: int = 20  #: of the reweighting, at most
-    gate: float = 0.999  #: probability of a good innovation to be within the gate; 1: no gate
+    gate: float = 0.999  #: probability that a good innovation lies within the gate; 1: no gate
     patience: int = 100  #: fixes on end beyond the gate after which they are believed
     root: str = "cholesky"  #: "cholesky" or "svd"
 
