@@ -1,10 +1,12 @@
-"""The angle of a state that is least known, and its prior in slices narrow enough for a tangent each.
+"""The least known angle of a state, and its prior in slices that are narrow enough for a tangent each.
 
-The angle: the state in which f has the period 2 pi, f(x + 2 pi e) = f(x) + 2 pi k e (k = 1; 0 for a rotation vector, whose
-angle f keeps below half a turn), but is not linear; of several the one of largest variance.
-The slices: cells of equal width over +-3 sigma, or over the circle where that is shorter, with the weights of the
-Gaussian there (wound around the circle); each has the standard deviation of half a cell in the angle and the prior's
-regression of the other states on it, so mean and covariance of the prior are kept but where it fills the circle.
+The angle is the state in which f has the period 2 pi but is not linear; among several, the one of largest variance. A period
+means f(x + 2 pi e) = f(x) + 2 pi k e. Here k is 1, or 0 for a rotation vector, whose angle f keeps below half a turn.
+
+The slices are cells of equal width over +-3 sigma, or over the circle if that is shorter. Their weights are those of the
+Gaussian, wound around the circle. In the angle a slice has a standard deviation of half a cell. The other states follow the
+prior's regression on the angle. Mean and covariance of the prior are thus kept, unless it fills the circle.
+Equations: docs/mathematics/filters.md#bank-over-the-heading.
 """
 
 from __future__ import annotations
@@ -17,11 +19,14 @@ from numpy.typing import NDArray
 from sins_env.arrays import Array
 from solvers.types import Function, Linear
 
-TURN = 2.0 * math.pi
+TURN = 2.0 * math.pi  #: rad, a full turn
 
 
 def least_known_angle(f: Function, x: Array, P: Array) -> NDArray[np.int64]:
-    """The state (...) of largest variance in which ``f`` has the period 2 pi without being linear; -1: none."""
+    """Return the index (...) of the state of largest variance in which ``f`` has period 2 pi but is not linear; -1: none.
+
+    ``f`` is asked at x (..., n); P is (..., n, n).
+    """
     if isinstance(f, Linear):
         return np.full(x.shape[:-1], -1)
     n = x.shape[-1]
@@ -39,21 +44,22 @@ def least_known_angle(f: Function, x: Array, P: Array) -> NDArray[np.int64]:
 
 
 def slices(variance: Array, spacing: float, most: int) -> tuple[Array, Array, Array]:
-    """Offsets (..., G), weights (..., G) and variance (...) of the slices of N(0, variance), rad.
+    """Return offsets (..., G) in rad, weights (..., G) and variance (...) in rad^2 of the slices of N(0, variance).
 
-    A run that needs fewer than G has weights of zero behind its own.
+    ``spacing`` is the largest width of a slice in rad, ``most`` the largest number of slices. A run that needs fewer than G
+    slices has weights of zero behind its own.
     """
     sigma = np.sqrt(np.maximum(variance, 0.0))
     whole = 3.0 * sigma >= 0.5 * TURN  # the Gaussian fills the circle
     reach = np.minimum(3.0 * sigma, 0.5 * TURN)
     number = np.where(sigma > 0.5 * spacing, np.clip(np.ceil(2.0 * reach / spacing), 1, most), 1.0)[..., None]
-    half = reach[..., None] / number  # a slice's standard deviation, half its width
+    half = reach[..., None] / number  # standard deviation of a slice: half its width
     j = np.arange(int(number.max()))
     offset = (2.0 * j + 1.0 - number) * half
-    rest = np.maximum(variance[..., None] - half**2, 0.0)  # for the means to carry
+    rest = np.maximum(variance[..., None] - half**2, 0.0)  # variance that is left to the offsets
     scale = 0.5 / np.where(number > 1.0, np.maximum(rest, 0.25 * half**2), 1.0)
     weight = np.exp(-scale * offset**2)
-    wound = np.exp(-scale * (TURN - np.abs(offset)) ** 2)  # what comes round from the other side
+    wound = np.exp(-scale * (TURN - np.abs(offset)) ** 2)  # the tail that comes from the other side of the circle
     weight = np.where(j < number, np.where(number > 1.0, weight + whole[..., None] * wound, 1.0), 0.0)
     weight /= weight.sum(axis=-1, keepdims=True)
     carried = (weight * offset**2).sum(axis=-1, keepdims=True)

@@ -1,30 +1,29 @@
 """Adaptive split-and-merge unscented Gaussian sum filter: a mixture of process noises instead of one.
 
-Idea: the process noise w ~ N(0, Q) is split into components, each goes through the unscented update, and the
-predictive densities of the fix say which of them it was. The collapsed posterior is the estimate; the components'
-noises, merged with the same weights, and the update's own correction say how large Q is; split again.
+Idea: the process noise w ~ N(0, Q) is split into components. Each goes through the unscented update, and the predictive
+densities of the fix say which component it was. The collapsed posterior is the estimate. The size of Q follows from the
+noises of the components, merged with the same weights, and from the correction of the update. Then Q is split again.
 
-The split (docs/mathematics/filters.md#split-and-merge) needs a direction, and an eigenvector of Q is none: Q mixes
-m/s and rad, and a noise that no fix shows
-cannot be weighed by it. So it is the direction v = Q H' a / sqrt(a' H Q H' a) of the noise which moves the
-innovation most in units of its standard deviation, max a' H Q H' a / a' S a: the same in any units, and v v' <= Q.
-As w is additive, splitting Q before the prediction is splitting the predicted Gaussian along v: one set of points
-serves all components.
+The split needs a direction v. An eigenvector of Q will not do, because Q mixes m/s and rad, and because a noise that moves no
+fix cannot be weighed. The filter takes v = Q H' a / sqrt(a' H Q H' a) with the a that maximises a' H Q H' a / a' S a. This is the
+noise that moves the innovation most, in units of its standard deviation; it is the same in any units, and v v' <= Q. Since w is
+additive, the predicted Gaussian can be split along v instead of Q. One set of points then serves all components.
 
-Adaptation (docs/mathematics/filters.md#split-and-merge with the safeguards of E.5): the factors of the driven,
-diagonal elements of Q become 1 - d times
-their merged second moments sum zeta_g (Q_g + w_g w_g') plus d times the statistic Q + dx dx' - (P^- - P), dx = x - x^-,
-which is 3.5.15 made unbiased; then they are clipped to [floor, cap]. d = (1 - b) / (1 - b^(k + k0)). The statistic is
-the damped one of blocks/noise.py, without which the first minute sets Q off by a factor of ten, and innovations beyond
-the gate enter it as if they were on it. Told zeros (biases) stay zeros. Between fixes the noises add up, and are
-adapted together. Q alone is adapted (docs/mathematics/filters.md#adaptive-noise d): fixes worse than told pass for
-process noise, and cost dearly.
+The adaptation works on factors of the driven diagonal elements of Q. They become 1 - d times the merged second moments
+sum zeta_g (Q_g + w_g w_g'), plus d times the statistic Q + dx dx' - (P- - P) with dx = x - x-, which is 3.5.15 made unbiased. Here
+d = (1 - b) / (1 - b^(k + k0)), and the factors are clipped to [floor, cap]. Told zeros, such as those of biases, stay zeros.
+The statistic is the damped one of blocks/noise.py; otherwise Q is wrong by a factor of ten within the first minute.
+Innovations beyond the gate count as if they lay there. Between fixes the noises add up and are adapted together.
+R is not adapted, so fixes that are worse than told pass for process noise, which costs much accuracy.
 
-Source: 000 (3.5.16-27); docs/mathematics/filters.md#split-and-merge, docs/mathematics/errata.md#chapter-3 (37-41).
+Source: 000 (3.5.16-27); docs/mathematics/filters.md#split-and-merge.
 Shapes: x (..., n), P (..., n, n), z (..., m); factors (..., n).
-Departures: weights by N(z; z_g, S_g), not R (erratum 40); spread terms in the posterior and in the merger (39, 41);
-the noise keeps its told mean zero and second moments about it: posterior noises merged into a mean would be a random
-walk, and their variance about that mean shrinks by E var(E[w | z]) at every step.
+Departures, with the numbers of docs/mathematics/errata.md#chapter-3:
+
+- Weights are N(z; z_g, S_g) with S_g in place of R (40).
+- Posterior and merger have terms for the spread of the means (39, 41).
+- The noise keeps its told mean zero, and its second moments are about zero. A mean merged from posterior noises would be a
+  random walk, and the variance about it would shrink by E var(E[w | z]) at every step.
 """
 
 from __future__ import annotations
@@ -53,13 +52,15 @@ from solvers.types import Gaussian, Health, Innovation, Measurement, Transition
 
 
 class Adaptive(NamedTuple):
+    """One Gaussian, and the estimated process noise."""
+
     mean: Array  #: (..., n)
     cov: Array  #: (..., n, n)
     health: Health
-    factor: Array  #: (..., n) of the variances of the told noise
-    noise: Array  #: (..., n, n) covariance of the noise since the last fix
-    weights: Array  #: (..., G) of the noise's components at the last fix
-    fixes: NDArray[np.int64]  #: (...) so far
+    factor: Array  #: (..., n), estimated variances of the noise over the told ones
+    noise: Array  #: (..., n, n), covariance of the noise since the last fix
+    weights: Array  #: (..., G), weights of the components of the noise at the last fix
+    fixes: NDArray[np.int64]  #: (...), number of fixes so far
 
 
 @register("asmugsf")
@@ -67,9 +68,9 @@ class Adaptive(NamedTuple):
 class ASMUGSF(GaussianFilter[Adaptive]):
     """The adaptive split-and-merge unscented Gaussian sum filter."""
 
-    components: int = 3  #: of the process noise
-    omega: float = 0.5  #: share of the noise along the split that the components' means carry
-    adapt: bool = True  #: whether Q is; False: it stays as told
+    components: int = 3  #: number of components into which the process noise is split
+    omega: float = 0.5  #: share of the noise along the split that the means of the components carry, >= 0 and < 1
+    adapt: bool = True  #: whether Q is estimated; False: it stays as told
     b: float = 0.99  #: weight of a fix over that of the next one, > 0 and <= 1
     k0: int = 20  #: number of fixes that the told Q counts for
     floor: float = 1e-6  #: least variance, relative to the told one
@@ -96,7 +97,7 @@ class ASMUGSF(GaussianFilter[Adaptive]):
         return SigmaPoints(Unscented(self.alpha, self.beta, self.kappa), self.root)
 
     def init(self, prior: Gaussian, rng: Any = None) -> Adaptive:
-        """The prior and the told noise. ``rng`` is not used."""
+        """Make the belief of the prior with the told noise. ``rng`` is not used."""
         b = initial_belief(prior)
         G = self.components
         weights = np.full((*b.mean.shape[:-1], G), 1.0 / G)
@@ -108,7 +109,7 @@ class ASMUGSF(GaussianFilter[Adaptive]):
         return count(b._replace(mean=y.mean, cov=y.cov + Q, noise=b.noise + Q), repaired)
 
     def process_noise(self, b: Adaptive, tr: Transition) -> Gaussian:
-        """w with the factors of its variances."""
+        """Return w with its estimated variances: mean zero (..., n), covariance (..., n, n)."""
         s = np.sqrt(b.factor)
         return Gaussian(np.zeros_like(b.mean), s[..., :, None] * tr.Q * s[..., None, :])
 
@@ -129,7 +130,7 @@ class ASMUGSF(GaussianFilter[Adaptive]):
         return {"q_factor": b.factor, "effective_components": effective(b.weights)}
 
     def _direction(self, b: Adaptive, me: Measurement) -> Array:
-        """v (..., n): what the noise does to the state where it moves the innovation most, v v' <= P."""
+        """Return v (..., n), the noise that moves the innovation most, with v v' <= P."""
         y, _ = moments(me.h, Gaussian(b.mean, b.cov), self.rule)
         _, H = tangent(me.h, b.mean, standard_deviations(b.cov))
         QH = b.noise @ H.mT
@@ -139,11 +140,11 @@ class ASMUGSF(GaussianFilter[Adaptive]):
         a = whiten.mT @ axes[..., -1:]
         top = share[..., -1, None]
         v = np.where(top > 0.0, (QH @ a)[..., 0] / np.sqrt(np.where(top > 0.0, top, 1.0)), 0.0)
-        # <= Q it is, but between fixes a stable f forgets noise, of which P then has less than the sum
+        # v v' <= Q, but a stable f forgets noise between fixes, so that P may hold less than the sum of Q
         return v / np.sqrt(np.maximum(nis(Innovation(v, b.cov)), 1.0))[..., None]
 
     def _adapt(self, b: Adaptive, prior: Gaussian, components: Gaussian, innovation: Innovation) -> Adaptive:
-        """The factors of Q after a fix. # 000 (3.5.15), (3.5.27), docs/mathematics/filters.md#adaptive-noise"""
+        """Update the factors of Q after a fix: 000 (3.5.15), (3.5.27)."""
         Q = variances(b.noise)
         w = components.mean - prior.mean[..., None, :]
         merged = Q + ((b.weights - 1.0 / self.components)[..., None, :] @ w**2)[..., 0, :]

@@ -1,7 +1,8 @@
 """The mixture filter: what a bank of Gaussian filters shares. A component is a Gaussian with a weight.
 
-Every component predicts and corrects as :class:`GaussianFilter` does, all of them at once; the weights follow from
-how well each predicted the measurement. # 3.5.24 corrected (erratum 40), 004 (9-10)
+Every component predicts and corrects as :class:`GaussianFilter` does, all of them at once. The weights follow from how well
+each component predicted the measurement: 004 (9-10), and 000 (3.5.24) with no. 40 of docs/mathematics/errata.md corrected.
+Equations: docs/mathematics/filters.md#mixtures.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from solvers.types import Function, Gaussian, Health, Innovation, Measurement, T
 
 
 class Mixture(NamedTuple):
+    """A Gaussian mixture with G components per run."""
+
     weights: Array  #: (..., G)
     mean: Array  #: (..., G, n)
     cov: Array  #: (..., G, n, n)
@@ -38,29 +41,30 @@ class MixtureFilter(BatchFilter[B]):
 
     @cached_property
     def rule(self) -> MomentRule:
+        """How each component passes through f and h."""
         raise NotImplementedError(f"{type(self).__name__} has no moment rule")
 
     def predict(self, b: B, tr: Transition) -> B:
-        """Every component one epoch later."""
+        """Return every component one epoch later."""
         y, repaired = transform(spread(tr.f, axes(b)), Gaussian(b.mean, b.cov), self.rule)
         return count(b._replace(mean=y.mean, cov=y.cov + self.process_noise(tr)), any_of(repaired))
 
     def correct(self, b: B, me: Measurement) -> tuple[B, Innovation]:
-        """Every component after a measurement, and the mixture's innovation."""
+        """Return every component after a measurement, and the innovation of the mixture."""
         me = spread_measurement(me, axes(b))._replace(R=self.measurement_noise(me))
         weights, x, innovation, repaired = bayes(b.weights, Gaussian(b.mean, b.cov), me, self.rule)
         return count(b._replace(weights=weights, mean=x.mean, cov=x.cov), repaired), innovation
 
     def process_noise(self, tr: Transition) -> Array:
-        """Q of each component, (..., G, n, n) or what broadcasts to it."""
+        """Return Q of each component, (..., G, n, n) or what broadcasts to it."""
         return widen(tr.Q)
 
     def measurement_noise(self, me: Measurement) -> Array:
-        """R of each component, (..., G, m, m) or what broadcasts to it."""
+        """Return R of each component, (..., G, m, m) or what broadcasts to it."""
         return widen(me.R)
 
     def estimate(self, b: B) -> Gaussian:
-        """Mean and covariance of the mixture."""
+        """Return mean (..., n) and covariance (..., n, n) of the mixture."""
         return collapse(b.weights, Gaussian(b.mean, b.cov))
 
     def move(self, b: B, g: Function, jac: Callable[[Array], Array]) -> B:
@@ -76,26 +80,26 @@ class MixtureFilter(BatchFilter[B]):
 def bayes(
     weights: Array, x: Gaussian, me: Measurement, rule: MomentRule
 ) -> tuple[Array, Gaussian, Innovation, Mask | None]:
-    """Weights and components after a measurement, the mixture's innovation, and the runs repaired (None: none).
+    """Return weights and components after a measurement, the mixture's innovation, and the repaired runs or None.
 
-    ``me`` is that of ``spread_measurement``. The weights are those before times the predictive densities.
+    ``me`` comes from ``spread_measurement``. The new weights are the old ones times the predictive densities of the fix.
     """
     y, repaired = moments(me.h, x, rule)
     after, innovation, repaired_S = condition(x, y._replace(cov=y.cov + me.R), me.z)
     seen = collapse(weights, Gaussian(*innovation))
     log_prior = np.log(weights, out=np.full(weights.shape, -np.inf), where=weights > 0.0)
     posterior, _ = normalise(log_prior + log_likelihood(innovation))
-    repaired = any_of(either(repaired, repaired_S))  # a run with both counts once: it is the same P
+    repaired = any_of(either(repaired, repaired_S))  # a run with both repairs counts once, for it is the same P
     return np.where(weights > 0.0, posterior, 0.0), after, Innovation(*seen), repaired
 
 
 def axes(b: Any) -> int:
-    """The number of batch axes."""
+    """Return the number of batch axes."""
     return cast(int, b.weights.ndim - 1)
 
 
 def initial_mixture(prior: Gaussian, components: int = 1) -> Mixture:
-    """``components`` equal copies of the prior; a run whose prior is not finite failed at epoch 0."""
+    """Make a mixture of equal copies of the prior; a run whose prior is not finite has failed at epoch 0."""
     x = initial_gaussian(prior)
     batch = x.mean.shape[:-1]
     return Mixture(

@@ -1,21 +1,22 @@
 """Gaussian sum of extended Kalman filters: a bank over the angle that is least known.
 
-Idea: a tangent taken at a heading that is wrong by tens of degrees tells of information that is not there. So the
-prior is cut, at the first step, into slices of that angle that are narrow enough for a tangent each; each slice is
-an EKF, weighted by how well it predicts. Slices that the fixes rule out are dropped, those that have come to agree
-with the best one are merged into it, and soon one EKF is left. With an angle that is known well it is the EKF.
+Idea: a tangent taken at a heading that is wrong by tens of degrees claims information that is not there. At the first step
+the prior is therefore cut into slices of this angle that are narrow enough for a tangent each. Each slice is an EKF, weighted
+by how well it predicts. Slices that the fixes rule out are dropped, and slices that agree with the best one are merged into
+it. Soon one EKF is left. If the angle is known well, the filter is the EKF.
 
-The angle is found by asking f (solvers/filters/mixtures/angles.py), so the filter runs on any error state, whatever its order.
-Mean and covariance of the mixture are taken about its best component with the angle wound next to it: two modes at
-+-170 deg are 20 deg apart.
+The angle is found by asking f (solvers/filters/mixtures/angles.py), so the order of the states does not matter. Mean and
+covariance of the mixture are taken about its best component, with angles within half a turn of it. Two modes at +-170 deg are
+thus 20 deg apart.
 
 Source: Sorenson & Alspach (1971), doi:10.1016/0005-1098(71)90097-5; Alspach & Sorenson (1972),
 doi:10.1109/TAC.1972.1100034; docs/mathematics/filters.md#bank-over-the-heading.
-Shapes: weights (..., G), means (..., G, n), covariances (..., G, n, n). G is what the neediest run of the batch still
-uses; slots that another run does not need carry weight zero and a copy of its best component.
-Departures: merging and pruning by these two rules alone, no splitting later on. Only the angle is cut: other errors must be
-small to the tangent of a slice. Tilts of 10 or 20 deg are not, where a fix of 0.1 m/s sees g (1 - cos tilt) in a second and a
-true slice is ruled out by what its tangent left out; in invariant coordinates, the default in navigation, they are.
+Shapes: weights (..., G), means (..., G, n), covariances (..., G, n, n). G is the largest number of components that a run of the
+batch still uses. In other runs the slots that are left carry weight zero and a copy of the best component.
+Departures: components are merged and pruned by these two rules alone, and never split again. Only the angle is cut, so the other
+errors must be small enough for the tangent of a slice. Tilts of 10 or 20 deg are too large: within a second a fix of 0.1 m/s
+sees g (1 - cos tilt), which the tangent leaves out, and rules out a true slice. In invariant coordinates, the default in
+navigation, such tilts are small enough.
 """
 
 from __future__ import annotations
@@ -42,11 +43,13 @@ ESTIMATES = ("mean", "best")
 
 
 class Bank(NamedTuple):
+    """A mixture, and the angle along which it was cut."""
+
     weights: Array  #: (..., G)
     mean: Array  #: (..., G, n)
     cov: Array  #: (..., G, n, n)
     health: Health
-    axis: NDArray[np.int64]  #: (...) the angle that was cut; -1: none
+    axis: NDArray[np.int64]  #: (...), index of the state that was cut; -1: none
 
 
 @register("gsf_ekf")
@@ -54,12 +57,12 @@ class Bank(NamedTuple):
 class GSFEKF(MixtureFilter[Bank]):
     """A bank of extended Kalman filters over the angle that is least known, as ``f`` shows it."""
 
-    spacing_deg: float = 12.0  #: widest slice
-    components: int = 36  #: most slices
+    spacing_deg: float = 12.0  #: largest width of a slice
+    components: int = 36  #: largest number of slices
     prune: float = 1e-8  #: weight below which a slice is dropped
-    merge_within: float = 0.5  #: distance to the best one, in standard deviations, at which a slice is merged into it
-    estimate_by: str = "mean"  #: "mean" of the mixture, or "best": its likeliest component alone
-    axis: int | None = None  #: the angle by its number; None: the filter finds it
+    merge_within: float = 0.5  #: distance to the best slice, in standard deviations, at which one is merged
+    estimate_by: str = "mean"  #: "mean" of the mixture, or "best", its likeliest component alone
+    axis: int | None = None  #: index of the angle in the state; None: the filter finds it
 
     def __post_init__(self) -> None:
         keep(self, "spacing_deg", number, above=0.0, most=360.0)
@@ -70,14 +73,18 @@ class GSFEKF(MixtureFilter[Bank]):
         if self.axis is not None:
             keep(self, "axis", whole, "None, or 0, 1, ... below the number of states", least=0)
 
-    navigation_coordinates: ClassVar[str] = "invariant"  #: of the errors, where the pipeline navigates
+    navigation_coordinates: ClassVar[str] = "invariant"  #: coordinates of the errors in navigation, by default
 
     @cached_property
     def rule(self) -> Linearized:
         return Linearized("mean")
 
     def init(self, prior: Gaussian, rng: Any = None) -> Bank:
-        """One component: the prior, to be cut at the first step. ``rng`` is not used."""
+        """Make a mixture of one component, the prior, which the first step cuts. ``rng`` is not used.
+
+        Raises:
+            ValueError: ``axis`` is not below the number of states.
+        """
         b = initial_mixture(prior)
         if self.axis is not None and self.axis >= b.mean.shape[-1]:
             raise refused("axis", self.axis, f"None, or a whole number < {b.mean.shape[-1]}, the number of states")
@@ -91,7 +98,7 @@ class GSFEKF(MixtureFilter[Bank]):
             return self._tidy(after), innovation
 
     def estimate(self, b: Bank) -> Gaussian:
-        """Mean and covariance about the best component, or that component."""
+        """Return mean (..., n) and covariance (..., n, n) about the best component, or that component alone."""
         if b.weights.shape[-1] == 1:
             return Gaussian(b.mean[..., 0, :], b.cov[..., 0, :, :])
         best = _best(b)
@@ -103,7 +110,7 @@ class GSFEKF(MixtureFilter[Bank]):
         return {**super().diagnostics(b), "components": (b.weights > 0.0).sum(axis=-1).astype(float)}
 
     def _cut(self, b: Bank, f: Function) -> Bank:
-        """The slices of the first component along the angle."""
+        """Cut the first component into slices along the angle."""
         x, P = b.mean[..., 0, :], b.cov[..., 0, :, :]
         axis = least_known_angle(f, x, P) if self.axis is None else np.full(x.shape[:-1], self.axis)
         here = np.maximum(axis, 0)[..., None]
@@ -123,7 +130,7 @@ class GSFEKF(MixtureFilter[Bank]):
         return b._replace(weights=weights, mean=mean, cov=cov, axis=np.where(cut, axis, -1))
 
     def _tidy(self, b: Bank) -> Bank:
-        """Without the slices that do not count any more; the batch axes keep their runs, G may shrink."""
+        """Drop slices of little weight, and merge those that agree with the best one; G may shrink."""
         if b.weights.shape[-1] == 1:
             return b
         best = _best(b)
@@ -150,14 +157,14 @@ class GSFEKF(MixtureFilter[Bank]):
 
 
 def _best(b: Bank) -> Gaussian:
-    """The likeliest component (..., n)."""
+    """Return the likeliest component, (..., n) and (..., n, n)."""
     at = b.weights.argmax(axis=-1)[..., None]
     mean = np.take_along_axis(b.mean, at[..., None], axis=-2)[..., 0, :]
     return Gaussian(mean, np.take_along_axis(b.cov, at[..., None, None], axis=-3)[..., 0, :, :])
 
 
 def _apart(b: Bank, best: Gaussian) -> Array:
-    """The means (..., G, n) relative to the best one, the angle wound to within half a turn."""
+    """Return the means (..., G, n) minus the best one, with the angle within half a turn."""
     apart = b.mean - best.mean[..., None, :]
     angle = (np.arange(apart.shape[-1]) == b.axis[..., None])[..., None, :]
     return np.where(angle, apart - TURN * np.round(apart / TURN), apart)

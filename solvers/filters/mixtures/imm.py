@@ -1,18 +1,19 @@
 """Interacting multiple models: filters of different noise levels that trade places.
 
-Idea: a bank of filters, one per model of the noise; the model in force is a Markov chain. Before each prediction
-every filter starts from the mixture of all that its model may have come from; after it the models are weighted by how
-well they predicted. So the noise may change at any time, where a plain bank would have made up its mind.
-The models are all pairs of a factor of the told Q and a factor of the told R. Models that the fixes hardly tell apart
-stay about equally likely, and the bank then works as one filter of their mean noise: a model of 10 Q beside the told
-one costs alignment a fifth of its azimuth where Q was told right, one of Q / 100 costs nothing, and is what helps
-where a cautious Q was told. That is the default, with 10 R for fixes that are worse than told.
+Idea: a bank of filters, one per model of the noise; the model in force is a Markov chain. Before each prediction every filter
+starts from a mixture of the estimates of all models from which its own may have come. After the fix the models are weighted
+by how well they predicted it. The noise may therefore change at any time, while a plain bank soon settles on one model.
 
-Source: Blom & Bar-Shalom (1988), doi:10.1109/9.1299; equations in 004 (1-12), docs/mathematics/filters.md#interacting-models.
+The models are all pairs of a factor of the told Q and a factor of the told R. If the fixes hardly tell models apart, these stay
+about equally likely, and the bank works as one filter with their mean noise. A model of 10 Q beside a Q told right then costs
+alignment a fifth of its azimuth accuracy. A model of Q / 100 costs nothing, and helps if the told Q is cautious. The default has
+that one, and 10 R for fixes that are worse than told.
+
+Source: Blom & Bar-Shalom (1988), doi:10.1109/9.1299; equations in 004 (1-12); docs/mathematics/filters.md#interacting-models.
 Shapes: probabilities (..., M), means (..., M, n), covariances (..., M, n, n); M = len(q_factors) len(r_factors).
-Departures: 004 (3) needs rows over the destination that sum to one, (6) is garbled there, (7) holds for linear h only
-(erratum 69); likelihoods as logarithms; a missing fix leaves the chain's own prediction of the model. A model that the
-chain cannot reach mixes with itself.
+Departures: the rows of the chain sum to one over the destination, which 004 (3) leaves open. Equation (6) is restored, and (7)
+is extended to a nonlinear h (docs/mathematics/errata.md no. 69). Likelihoods are logarithms. A missing fix leaves the chain's
+own prediction of the model. A model that the chain cannot reach mixes with itself.
 """
 
 from __future__ import annotations
@@ -36,14 +37,17 @@ from solvers.types import Gaussian, Measurement, Transition
 
 @dataclass(frozen=True)
 class _IMM(MixtureFilter[Mixture]):
-    """Base: the models, their chain and the mixing; a subclass gives the rule."""
+    """Base of the interacting models: their noise, their chain and the mixing; a subclass gives the rule.
 
-    q_factors: Sequence[float] = (0.01, 1.0)  #: of the told Q
-    r_factors: Sequence[float] = (1.0, 10.0)  #: of the told R; the models: (q1, r1), (q1, r2), ..., (q2, r1), ...
+    Raises:
+        ValueError: a setting outside its range, or a ``transition`` that is not a matrix of probabilities.
+    """
+
+    q_factors: Sequence[float] = (0.01, 1.0)  #: factors of the told Q
+    r_factors: Sequence[float] = (1.0, 10.0)  #: factors of the told R; models: (q1, r1), (q1, r2), ..., (q2, r1), ...
     stay: float = 0.95  #: probability that a model is still in force at the next epoch
-    transition: Sequence[Sequence[float]] | None = (
-        None  #: from row to column, in the order of models; None: by ``stay``
-    )
+    #: probabilities from the model of a row to that of a column, in the order of the models; None: from ``stay``
+    transition: Sequence[Sequence[float]] | None = None
 
     def __post_init__(self) -> None:
         keep(self, "q_factors", numbers, None, "finite numbers > 0, at least one", above=0.0)
@@ -54,17 +58,17 @@ class _IMM(MixtureFilter[Mixture]):
 
     @property
     def models(self) -> list[tuple[float, float]]:
-        """(factor of Q, factor of R) of each."""
+        """Factor of Q and factor of R of each model."""
         return [(q, r) for q in self.q_factors for r in self.r_factors]
 
     @cached_property
     def _factors(self) -> Array:
-        """(2, M, 1, 1): of Q and of R."""
+        """Factors of Q and of R, shape (2, M, 1, 1)."""
         return np.array(self.models).T[..., None, None]
 
     @cached_property
     def chain(self) -> Array:
-        """P(i at the next epoch | j now), (M, M) from row j to column i. # 004 (3)"""
+        """Probabilities (M, M) that model j (row) now is followed by model i (column) at the next epoch: 004 (3)."""
         if self.transition is not None:
             return np.array(self.transition)
         M = len(self.models)
@@ -74,11 +78,11 @@ class _IMM(MixtureFilter[Mixture]):
         return np.full((M, M), leave) + (self.stay - leave) * np.eye(M)
 
     def init(self, prior: Gaussian, rng: Any = None) -> Mixture:
-        """The prior under every model, all equally likely. ``rng`` is not used."""
+        """Make a mixture of the prior under every model, all equally likely. ``rng`` is not used."""
         return initial_mixture(prior, len(self.models))
 
     def predict(self, b: Mixture, tr: Transition) -> Mixture:
-        """Mix, then every model one epoch later."""
+        """Mix the models, then predict each of them."""
         joint = b.weights[..., None] * self.chain  # (..., from, to)
         ahead = joint.sum(axis=-2)
         reached = ahead > 0.0
@@ -94,7 +98,7 @@ class _IMM(MixtureFilter[Mixture]):
         return self._factors[1] * super().measurement_noise(me)
 
     def diagnostics(self, b: Mixture) -> dict[str, Array]:
-        """The models' probabilities, and the noise that they expect in units of what was told."""
+        """Return the probabilities of the models, and the expected factors of the told Q and R."""
         q, r = self._factors[..., 0, 0]
         return {
             **super().diagnostics(b),
@@ -134,7 +138,7 @@ class IMMUKF(_IMM):
 
 
 def _stochastic(name: str, given: Any, M: int) -> tuple[tuple[float, ...], ...]:
-    """The rows of a matrix (M, M) of probabilities."""
+    """Check a matrix (M, M) of probabilities, and return its rows."""
     allowed = f"None, or {M} rows of {M} probabilities that sum to one"
     rows = tuple(numbers(name, row, M, allowed, least=0.0) for row in items(given) or ())
     if len(rows) != M or any(abs(sum(row) - 1.0) > 1e-9 for row in rows):

@@ -1,4 +1,7 @@
-"""Robust filters: measurements that do not fit lose weight."""
+"""Robust filters: fixes that do not fit lose weight.
+
+Read ``reweighting`` first, the update that the cubature filters share, then ``base``, its guard. ``gm_ekf`` stands alone.
+"""
 
 from sins_env import moved
 

@@ -1,11 +1,11 @@
 """Base of the robust cubature filters: the reweighted update, and the guard that keeps it from locking out the fixes.
 
-A filter that rejects what it does not expect cannot tell a run of bad fixes from an estimate that is wrong. The guard
-does, by patience: where the innovation has stayed beyond the ``gate`` for more than ``patience`` fixes on end, the
-estimate is at fault, and so is its covariance. The covariance is then widened until it explains the innovation and the
-ordinary update is taken, fix by fix until one falls within the gate. Bursts of bad fixes longer than the patience are
-believed, so it is a setting. Each fix that is taken this way counts as a fallback, and so does one that is skipped
-because no component of it has any weight left.
+A filter that rejects what it does not expect cannot tell a series of bad fixes from an estimate that is wrong. The guard tells
+them apart by patience. If the innovation has been beyond the ``gate`` for more than ``patience`` successive fixes, the estimate
+and its covariance are taken to be wrong. The covariance is then widened until it explains the innovation, and the ordinary
+update is taken. This goes on until a fix falls within the gate. A series of bad fixes that is longer than the patience is
+believed, which is why the patience is a setting. Each fix taken this way counts as a fallback. So does a fix that is skipped
+because none of its components has any weight left. See docs/mathematics/filters.md#robust-updates.
 """
 
 from __future__ import annotations
@@ -30,21 +30,27 @@ from solvers.types import Gaussian, Health, Innovation, Measurement, Moments
 
 
 class RobustBelief(NamedTuple):
+    """One Gaussian, and how the last fixes fitted."""
+
     mean: Array  #: (..., n)
     cov: Array  #: (..., n, n)
     health: Health
-    outside: NDArray[np.int64]  #: (...) fixes on end whose innovation was beyond the gate
-    weight: Array  #: (...) mean weight of the components of the last fix
+    outside: NDArray[np.int64]  #: (...), number of successive fixes with an innovation beyond the gate
+    weight: Array  #: (...), mean weight of the components of the last fix
 
 
 @dataclass(frozen=True)
 class RobustFilter(GaussianFilter[RobustBelief]):
-    """A Gaussian filter whose update is reweighted by ``weigh``; cubature points."""
+    """A Gaussian filter with cubature points whose update is reweighted by ``weigh``.
 
-    rounds: int = 20  #: of the reweighting, at most
+    Raises:
+        ValueError: a setting outside its range.
+    """
+
+    rounds: int = 20  #: largest number of rounds of the reweighting
     gate: float = 0.999  #: probability that a good innovation lies within the gate; 1: no gate
-    patience: int = 100  #: fixes on end beyond the gate after which they are believed
-    root: str = "cholesky"  #: "cholesky" or "svd"
+    patience: int = 100  #: number of successive fixes beyond the gate after which they are believed
+    root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
 
     def __post_init__(self) -> None:
         keep(self, "rounds", whole, least=1)
@@ -58,6 +64,7 @@ class RobustFilter(GaussianFilter[RobustBelief]):
 
     @cached_property
     def weigh(self) -> Weigh:
+        """The weights of the residuals; see :class:`solvers.filters.robust.reweighting.Residuals`."""
         raise NotImplementedError(f"{type(self).__name__} has no weights")
 
     def init(self, prior: Gaussian, rng: Any = None) -> RobustBelief:
@@ -84,7 +91,7 @@ class RobustFilter(GaussianFilter[RobustBelief]):
         return count(b, either(either(repaired, repaired_S), fit.repaired), ordinary | skipped), innovation
 
     def believed(self, y: Moments, R: Array, weights: Array) -> Moments:
-        """The moments of z with the noise that the reported covariance takes the fix to have: the told one."""
+        """Return the moments of z with the noise that the reported covariance assumes; here the told one."""
         return y
 
     def diagnostics(self, b: RobustBelief) -> dict[str, Array]:
@@ -92,5 +99,5 @@ class RobustFilter(GaussianFilter[RobustBelief]):
 
 
 def settings_of(flt: RobustFilter) -> dict[str, Any]:
-    """The settings of a filter by name, for one of the same settings and another rule."""
+    """Return the settings of a filter by name, to make another with the same settings and another rule."""
     return {f.name: getattr(flt, f.name) for f in fields(flt)}

@@ -1,17 +1,18 @@
 """Gaussian-mixture extended Kalman filter: each fix is either good or contaminated, and the update weighs both.
 
-Idea: v is N(0, R) or, in a ``share`` of the fixes, N(0, factor R), the whole vector at once. Condition on either
-hypothesis, weigh the two by how well they predicted the fix, and collapse them to one Gaussian. With the share of the
-task this is nearly the exact filter (the collapse is the only approximation on a linear problem).
+Idea: v is N(0, R) or, in a ``share`` of the fixes, N(0, factor R), for the whole vector at once. Update under either
+hypothesis, weigh the two by how well they predicted the fix, and merge them into one Gaussian. With the share of the task this
+is nearly the exact filter; for a linear problem the merger is the only approximation.
 
-The share is told by the task, given, or learnt: the posterior probability w that a fix was contaminated moves the share
-by (w - share) / count, with a count that grows to ``memory`` fixes: the quasi-Bayes rule.
+The share is told by the task, given, or learnt. To learn it, the posterior probability w that a fix was contaminated moves the
+share by (w - share) / count. The count grows up to ``memory`` fixes. This is the quasi-Bayes rule.
 
 Source: Sorenson & Alspach (1971), doi:10.1016/0005-1098(71)90097-5; Masreliez & Martin (1977),
-doi:10.1109/TAC.1977.1101538 (contaminated noise); Smith & Makov (1978), doi:10.1111/j.2517-6161.1978.tb01651.x.
+doi:10.1109/TAC.1977.1101538 (contaminated noise); Smith & Makov (1978), doi:10.1111/j.2517-6161.1978.tb01651.x;
+docs/mathematics/filters.md#mixture-of-fix-noises.
 Shapes: x (..., n), P (..., n, n), z (..., m); ``...`` any batch.
-Departures: collapsed after every fix. A Student-t noise that is told is not a mixture of two and is taken as Gaussian.
-The innovation is reported with the covariance of both hypotheses together.
+Departures: the mixture is merged after every fix. A told Student-t noise is not a mixture of two and is taken as Gaussian.
+The reported covariance of the innovation is that of both hypotheses together.
 """
 
 from __future__ import annotations
@@ -34,26 +35,28 @@ from solvers.filters.gaussian import GaussianFilter, initial_belief
 from solvers.filters.registry import register
 from solvers.types import Gaussian, Health, Innovation, Measurement, NoiseLaw
 
-FIRST_SHARE, FIRST_COUNT = 0.1, 20.0  #: what learning starts from, and the fixes that it is worth
+FIRST_SHARE, FIRST_COUNT = 0.1, 20.0  #: share from which learning starts, and the number of fixes that it counts for
 
 
 class MixtureBelief(NamedTuple):
+    """One Gaussian, and what is known of the contamination."""
+
     mean: Array  #: (..., n)
     cov: Array  #: (..., n, n)
     health: Health
-    share: Array  #: (...) of the fixes that are contaminated
-    fixes: Array  #: (...) that the share rests on
-    suspicion: Array  #: (...) posterior probability that the last fix was contaminated
+    share: Array  #: (...), share of contaminated fixes
+    fixes: Array  #: (...), number of fixes on which the share rests
+    suspicion: Array  #: (...), posterior probability that the last fix was contaminated
 
 
 @register("gm_ekf")
 @dataclass(frozen=True)
 class GMEKF(GaussianFilter[MixtureBelief]):
-    """The extended Kalman filter with a two-component measurement noise; one component: the EKF."""
+    """The extended Kalman filter with a two-component measurement noise; with one component it is the EKF."""
 
     contamination: str | Sequence[float] = "told"  #: "told" by the task, "learn", or (share, factor)
-    factor: float = 10.0  #: of the variance of contaminated fixes, where the share is learnt
-    memory: int = 1000  #: fixes that a learnt share rests on, at most
+    factor: float = 10.0  #: variance of a contaminated fix over that of a good one, if the share is learnt
+    memory: int = 1000  #: largest number of fixes on which a learnt share rests
 
     def __post_init__(self) -> None:
         keep(self, "contamination", _contamination)
@@ -91,14 +94,14 @@ class GMEKF(GaussianFilter[MixtureBelief]):
         return self._learnt(b) if learn else b, innovation._replace(cov=spread)
 
     def _told(self, law: NoiseLaw | None) -> tuple[float, float]:
-        """Share and factor: those given, or those of the law that the task tells."""
+        """Return share and factor: those of the setting, or those of the law that the task tells."""
         if not isinstance(self.contamination, str):
             share, factor = self.contamination
             return share, factor
         return (0.0, 1.0) if law is None else (law.share, law.factor)
 
     def _learnt(self, b: MixtureBelief) -> MixtureBelief:
-        """The share after a fix."""
+        """Update the share after a fix."""
         total = np.minimum(b.fixes + 1.0, self.memory)
         return b._replace(fixes=total, share=b.share + (b.suspicion - b.share) / total)
 

@@ -1,14 +1,14 @@
 """Huber cubature filters: a fix that fits badly pulls with bounded force.
 
-Idea: the update is a regression on the whitened prior and fix; residuals beyond ``alpha`` standard deviations enter the
-cost linearly instead of squared, by weights alpha / |e| and a few rounds of the update (blocks/robust.py).
+Idea: the update is a regression on the whitened prior and fix. Residuals beyond ``alpha`` standard deviations enter the cost
+linearly instead of squared. Weights alpha / |e| and a few rounds of the update do this (filters/robust/reweighting.py).
 
-Source: Huber (1964), doi:10.1214/aoms/1177703732; Karlgaard & Schaub (2007), doi:10.2514/1.26809; Huber-HCKF of 003,
+Source: Huber (1964), doi:10.1214/aoms/1177703732; Karlgaard & Schaub (2007), doi:10.2514/1.26809; Huber-HCKF of 003;
 docs/mathematics/filters.md#robust-updates.
 Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., points, n).
-Departures: rounds end when the weights stand still, not the state; ``robust="meas"`` leaves the prior at full weight; a
-guard against locking out (filters/robust.py). P is Joseph's with the told R, as the source has it: too small where the
-fixes are contaminated. alpha = inf is the cubature filter.
+Departures: rounds end when the weights, not the state, stand still. ``robust="meas"`` leaves the prior at full weight. A guard
+prevents locking out (filters/robust/base.py). P is Joseph's with the told R, as in the source, and therefore too small for
+contaminated fixes. With alpha = inf the filter is the cubature filter.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from solvers.filters.sigma.ckf5 import FifthDegreeFilter
 class HuberCKF(RobustFilter):
     """The cubature Kalman filter with Huber's update."""
 
-    alpha: float = 1.345  #: standard deviations beyond which a residual counts linearly, > 0
-    robust: str = "both"  #: "both": prior and fix are reweighted; "meas": the fix alone
+    alpha: float = 1.345  #: residual in standard deviations beyond which the cost is linear, > 0
+    robust: str = "both"  #: what is reweighted: "both", which are prior and fix, or "meas", the fix alone
 
     @cached_property
     def weigh(self) -> Each:

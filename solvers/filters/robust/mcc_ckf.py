@@ -1,16 +1,15 @@
 """Maximum correntropy cubature filters: a fix that fits badly is rejected, softly.
 
-Idea: the update maximises the sum of Gaussian kernels of the whitened residuals of prior and fix instead of minimising
-their squares: weights exp(-e^2 / (2 sigma^2)) and a fixed-point iteration (blocks/robust.py).
+Idea: the update maximises the sum of Gaussian kernels of the whitened residuals of prior and fix instead of minimising their
+squares. Weights exp(-e^2 / (2 sigma^2)) and a fixed-point iteration do this (filters/robust/reweighting.py).
 
 Source: Chen, Liu, Zhao & Principe (2017), doi:10.1016/j.automatica.2016.10.004; Liu, Qu, Zhao & Chen (2017),
-doi:10.1016/j.sigpro.2016.12.009 (sigma points); MCC-HCKF of 003, docs/mathematics/filters.md#robust-updates.
+doi:10.1016/j.sigpro.2016.12.009 (sigma points); MCC-HCKF of 003; docs/mathematics/filters.md#robust-updates.
 Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., points, n).
-Departures: starts from the ordinary posterior, for the iteration from x- refuses every fix after a large innovation
-(docs/mathematics/filters.md#robust-updates), and ends when the weights stand still; ``robust="meas"`` leaves the
-prior at full weight; a guard
-against locking out (filters/robust.py). P is Joseph's with the told R, as the source has it. The iteration contracts
-only for sigma above a bound (Chen et al., theorem 2), hence a limit to the rounds. sigma = inf is the cubature filter.
+Departures: the iteration starts from the ordinary posterior, because from x- it refuses every fix after a large innovation. It
+ends when the weights stand still. ``robust="meas"`` leaves the prior at full weight. A guard prevents locking out
+(filters/robust/base.py). P is Joseph's with the told R, as in the source. The iteration contracts only for sigma above a bound
+(Chen et al., theorem 2), hence a limit to the rounds. With sigma = inf the filter is the cubature filter.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ from solvers.filters.sigma.ckf5 import FifthDegreeFilter
 class MccCKF(RobustFilter):
     """The cubature Kalman filter with the maximum correntropy update."""
 
-    sigma: float = 3.0  #: width of the kernel in standard deviations, >= 0.5; 2 to 3 is best at 20 % of 10 R
-    robust: str = "both"  #: "both": prior and fix are reweighted; "meas": the fix alone
+    sigma: float = 3.0  #: width of the kernel in standard deviations, >= 0.5; 2 to 3 is best if 20 % of fixes have 10 R
+    robust: str = "both"  #: what is reweighted: "both", which are prior and fix, or "meas", the fix alone
 
     @cached_property
     def weigh(self) -> Each:

@@ -1,15 +1,15 @@
-"""Robust updates: a fix, and the prior, count less the worse they fit; written once for every influence function.
+"""Robust updates: the worse a fix or the prior fits, the less it counts; written once for every influence function.
 
-The update is the regression of u = S_p^-1 (x - x-) on the whitened prior and the whitened fix, # 003,
-docs/mathematics/filters.md#robust-updates
+The update is the regression of u = S_p^-1 (x - x-) on the whitened prior and the whitened fix,
 
     0 = u + e_p,    r = B u + e_m,    r = S_r^-1 (z - z-),    B = S_r^-1 P_zx S_p^-T,
 
-with P- = S_p S_p' and S_r S_r' = Rbar = P_zz - H P- H', H = P_zx P-^-1: R itself for a linear h, R and the part of
-h that no line explains for others. Ordinary least squares gives the Kalman update. A robust one weighs e_p and e_m by
-weights c of their own size and solves again, until the weights stand still.
+with P- = S_p S_p' and S_r S_r' = Rbar = P_zz - H P- H', H = P_zx P-^-1. For a linear h, Rbar is R. Otherwise it also holds the
+part of h that no linear function explains. Ordinary least squares gives the Kalman update. A robust update weighs e_p and e_m
+by weights c that depend on their size, and solves again until the weights stand still.
 
-Residuals of the prior are those of its lower Cholesky factor, in the order of the states.
+The residuals of the prior are whitened by its lower Cholesky factor, in the order of the states.
+Source: 003, reconstructed; docs/mathematics/filters.md#robust-updates.
 """
 
 from __future__ import annotations
@@ -31,19 +31,21 @@ TARGETS = ("both", "meas")
 
 
 class Residuals(NamedTuple):
-    prior: Array  #: (..., n) e_p
-    fix: Array  #: (..., m) e_m
-    spread: Array  #: (...) trace of the covariance that the posterior of x gives to e_m
+    """Whitened residuals of prior and fix at one round of the iteration."""
+
+    prior: Array  #: (..., n), e_p
+    fix: Array  #: (..., m), e_m
+    spread: Array  #: (...), trace of the covariance of e_m under the posterior of x
 
 
-Weigh = Callable[[Residuals], tuple[Array, Array]]  #: weights of e_p (..., n) and e_m (..., m)
+Weigh = Callable[[Residuals], tuple[Array, Array]]  #: from residuals to the weights of e_p (..., n) and e_m (..., m)
 
 
 @dataclass(frozen=True)
 class Huber:
-    """c = min(1, alpha / |e|): quadratic cost up to alpha standard deviations, linear beyond. Huber (1964)"""
+    """Huber's weights (1964), c = min(1, alpha / |e|): the cost is quadratic up to alpha standard deviations, then linear."""
 
-    alpha: float = 1.345  #: 95 % efficient on Gaussian noise
+    alpha: float = 1.345  #: in standard deviations; the default is 95 % efficient for Gaussian noise
 
     def __post_init__(self) -> None:
         keep(self, "alpha", number, least=1e-3, infinite=True)
@@ -55,12 +57,12 @@ class Huber:
 
 @dataclass(frozen=True)
 class Correntropy:
-    """c = exp(-e^2 / (2 sigma^2)): the maximum correntropy criterion with a Gaussian kernel. Chen et al. (2017)"""
+    """The weights of maximum correntropy with a Gaussian kernel, c = exp(-e^2 / (2 sigma^2)): Chen et al. (2017)."""
 
-    sigma: float = 3.0  #: in standard deviations
+    sigma: float = 3.0  #: width of the kernel, in standard deviations
 
     def __post_init__(self) -> None:
-        keep(self, "sigma", number, least=0.5, infinite=True)  # below, good fixes are refused too
+        keep(self, "sigma", number, least=0.5, infinite=True)  # a narrower kernel refuses good fixes too
 
     def __call__(self, e: Array) -> Array:
         return np.exp(-0.5 * np.square(e / self.sigma))
@@ -68,10 +70,10 @@ class Correntropy:
 
 @dataclass(frozen=True)
 class Each:
-    """Each residual weighed by its own size, those of the prior too (``robust="both"``) or of the fix alone ("meas")."""
+    """A weight for each residual by its own size."""
 
-    influence: Callable[[Array], Array]
-    robust: str = "both"
+    influence: Callable[[Array], Array]  #: from residuals to weights of the same shape
+    robust: str = "both"  #: what is weighed: "both", which are prior and fix, or "meas", the fix alone
 
     def __post_init__(self) -> None:
         keep(self, "robust", choice, TARGETS)
@@ -83,12 +85,12 @@ class Each:
 
 @dataclass(frozen=True)
 class StudentT:
-    """One weight for the whole fix, the expected precision of a Student-t noise with ``dof`` degrees of freedom.
+    """One weight for the whole fix: the expected precision of a Student-t noise.
 
-    c = (dof + m) / (dof + E |e_m|^2), the expectation over the posterior of x: the variational Bayes update.
+    It is c = (dof + m) / (dof + E |e_m|^2) with the expectation over the posterior of x, the variational Bayes update.
     """
 
-    dof: float = 3.0
+    dof: float = 3.0  #: degrees of freedom
 
     def __post_init__(self) -> None:
         keep(self, "dof", number, least=1e-3, infinite=True)
@@ -101,19 +103,21 @@ class StudentT:
 
 
 class Reweighted(NamedTuple):
-    gain: Array  #: (..., n, m) K~ of the last weights
-    weights: Array  #: (..., m) of the fix
-    R: Array  #: (..., m, m) Rbar
-    repaired: Mask | None  #: runs whose P- or Rbar was repaired
+    """The result of a robust update."""
+
+    gain: Array  #: (..., n, m), gain with the last weights
+    weights: Array  #: (..., m), weights of the components of the fix
+    R: Array  #: (..., m, m), Rbar
+    repaired: Mask | None  #: (...), runs whose P- or Rbar was repaired; None: no run
 
 
 def reweight(
     prior: Gaussian, predicted: Moments, z: Array, weigh: Weigh, rounds: int, tolerance: float = 1e-6
 ) -> Reweighted:
-    """The gain of the robust update, by fixed-point iteration from the ordinary posterior.
+    """Return the gain of the robust update, by fixed-point iteration from the ordinary posterior.
 
-    ``predicted``: the moments of z (..., m) under ``prior``, R included. A run whose weights move by less than
-    ``tolerance`` keeps them, whatever its neighbours do; none does more than ``rounds``.
+    ``predicted`` holds the moments of z (..., m) under ``prior``, R included. A run whose weights change by less than
+    ``tolerance`` keeps them, whatever the other runs do. No run takes more than ``rounds`` rounds.
     """
     S, repaired = cholesky(prior.cov)
     A = inverse_lower(S) @ predicted.cross
@@ -135,9 +139,10 @@ def reweight(
 
 
 def widened(prior: Gaussian, y: Moments, R: Array, residual: Array) -> tuple[Gaussian, Moments]:
-    """``prior`` with beta P-, beta >= 1 such that E r' R^-1 r = m + beta tr(R^-1 H P- H') is what r is, and its moments of z.
+    """Widen P- to beta P- so that it explains the ``residual`` r (..., m), and return it with its moments of z.
 
-    ``y``: the moments of h(x), without R. The fading factor of a strong tracking filter, Zhou & Frank (1996).
+    The factor beta >= 1 makes the expectation of r' R^-1 r, m + beta tr(R^-1 H P- H'), equal to its value. ``y`` holds the moments
+    of h(x) without R. This is the fading factor of a strong tracking filter, Zhou & Frank (1996).
     """
     root, _ = cholesky(np.broadcast_to(R, y.cov.shape))
     whiten = inverse_lower(root)
@@ -150,7 +155,7 @@ def widened(prior: Gaussian, y: Moments, R: Array, residual: Array) -> tuple[Gau
 
 
 def _solve(A: Array, r: Array, c: Array) -> tuple[Array, Residuals]:
-    """The gain of u on r under weights c (..., n + m), A = B' (..., n, m), and the residuals that it leaves."""
+    """Return the gain of u on r under weights c (..., n + m), with A = B' (..., n, m), and the residuals that it leaves."""
     prior, fix = np.split(c, [A.shape[-2]], axis=-1)
     cross = A / prior[..., None]
     explained = A.mT @ cross

@@ -1,14 +1,17 @@
 """Student-t cubature filter: the noise of each fix has a variance of its own, which the fix itself tells.
 
-Idea: Student-t noise is Gaussian with covariance R / lambda, lambda Gamma-distributed. Variational Bayes alternates the
-Kalman update with R / E[lambda] and the expectation of lambda given how well the fix then fits (blocks/robust.py).
+Idea: Student-t noise is Gaussian with covariance R / lambda and a Gamma-distributed lambda. Variational Bayes alternates the
+Kalman update with R / E[lambda] and the expectation of lambda given how well the fix then fits
+(filters/robust/reweighting.py).
 
 Source: Agamennoni, Nieto & Nebot (2012), doi:10.1109/TSP.2012.2208106; Piche, Sarkka & Hartikainen (2012),
-doi:10.1109/MLSP.2012.6349794; Roth, Ozkan & Gustafsson (2013), doi:10.1109/ICASSP.2013.6638770.
+doi:10.1109/MLSP.2012.6349794; Roth, Ozkan & Gustafsson (2013), doi:10.1109/ICASSP.2013.6638770;
+docs/mathematics/filters.md#robust-updates.
 Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., 2n, n).
-Departures: lambda scales the whole vector, as the tasks' noise does; R is the scale matrix of the t distribution (its
-variance is R dof / (dof - 2)); for a nonlinear h the expectation is that of its statistical linearisation; a guard
-against locking out (filters/robust.py). P is that of the last round: with R / lambda. dof = inf is the cubature filter.
+Departures: lambda scales the whole vector, as the noise of the tasks does. R is the scale matrix of the t distribution, whose
+covariance is R dof / (dof - 2). For a nonlinear h the expectation is that of its statistical linearisation. A guard prevents
+locking out (filters/robust/base.py). P is that of the last round, with R / lambda. With dof = inf the filter is the cubature
+filter.
 """
 
 from __future__ import annotations
@@ -35,5 +38,5 @@ class StudentTCKF(RobustFilter):
         return StudentT(self.dof)
 
     def believed(self, y: Moments, R: Array, weights: Array) -> Moments:
-        """With R / lambda in place of R."""
+        """Return the moments of z with R / lambda in place of R."""
         return y._replace(cov=y.cov + (1.0 / weights[..., :1, None] - 1.0) * R)

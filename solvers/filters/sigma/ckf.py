@@ -1,11 +1,12 @@
 """Cubature Kalman filter.
 
-Idea: the moments of f and h by the third-degree spherical-radial rule: 2n points of equal weight, a pair on
-each axis of the covariance; no parameter.
+Idea: the moments of f and h by the third-degree spherical-radial rule: 2n points of equal weight, a pair on each axis of the
+covariance. The rule has no parameter.
 
-Source: Arasaratnam & Haykin (2009), doi:10.1109/TAC.2009.2019800; equations in 000 (3.3.71-96), 001 (13-33).
+Source: Arasaratnam & Haykin (2009), doi:10.1109/TAC.2009.2019800; equations in 000 (3.3.71-96), 001 (13-33);
+docs/mathematics/filters.md#sigma-points.
 Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., 2n, n).
-Departures: centred sums instead of sum(chi chi') - x x', which cancels.
+Departures: sums are about the mean; sum(chi chi') - x x' would cancel digits.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ class CKF(SigmaPointFilter):
     """The cubature Kalman filter."""
 
     root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
-    form: str = "covariance"  #: "covariance" or "square-root", which carries a root of it and renews it by QR
+    form: str = "covariance"  #: "covariance", or "square-root", which carries a root of it and updates it by QR
 
     @cached_property
     def point_rule(self) -> Cubature:

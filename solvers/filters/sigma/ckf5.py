@@ -1,14 +1,14 @@
 """Cubature Kalman filter of the fifth degree.
 
-Idea: the moments of f and h by the fifth-degree spherical-radial rule, 2 n^2 + 1 points: exact for polynomials of
-degree 5, where ``ckf`` stops at 3.
+Idea: the moments of f and h by the fifth-degree spherical-radial rule, 2 n^2 + 1 points: exact for polynomials of degree 5,
+while the rule of ``ckf`` is exact up to degree 3.
 
-Source: Jia, Xin & Cheng (2013), doi:10.1016/j.automatica.2012.11.014; 003 (11-24) as reconstructed in
+Source: Jia, Xin & Cheng (2013), doi:10.1016/j.automatica.2012.11.014; 003 (11-24);
 docs/mathematics/filters.md#fifth-degree.
 Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., 2 n^2 + 1, n).
-Departures: for n > 4 the points on the axes have negative weights, and on a strongly nonlinear step P-, S or P may
-come out indefinite, beyond the repair of a root: a negative variance turns the gain round. A run that it befalls takes
-that prediction or correction with the third-degree rule instead, whose weights are positive; it is counted as a fallback.
+Departures: for n > 4 the points on the axes have negative weights. In a strongly nonlinear step P-, S or P may then come out
+indefinite beyond repair, and a negative variance reverses the gain. Such a run takes this prediction or correction with the
+third-degree rule, whose weights are positive. The step is counted as a fallback.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ B = TypeVar("B", bound=Any)
 
 
 class FifthDegreeFilter(GaussianFilter[B]):
-    """Mixin: the fifth-degree rule; ``third`` takes over where its negative weights break a covariance."""
+    """The fifth-degree rule for a filter; ``third`` takes over if its negative weights break a covariance."""
 
     root: str
 
@@ -40,7 +40,7 @@ class FifthDegreeFilter(GaussianFilter[B]):
 
     @cached_property
     def third(self) -> GaussianFilter[B]:
-        """The same filter with a rule of positive weights."""
+        """The same filter with the third-degree rule, whose weights are positive."""
         raise NotImplementedError(f"{type(self).__name__} has nothing to fall back on")
 
     def predict(self, b: B, tr: Transition) -> B:

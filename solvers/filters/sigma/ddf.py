@@ -1,13 +1,14 @@
 """Divided-difference filters of first and second order, in square-root form.
 
 Idea: replace f and h by Stirling's interpolation about the mean: central differences over intervals of h standard
-deviations instead of derivatives. ddf1 keeps the slope; ddf2 the curvature along each column of S too, in mean and
-covariance.
+deviations instead of derivatives. The filter ``ddf1`` keeps the slope. The filter ``ddf2`` also keeps the curvature along each
+column of S, in mean and covariance.
 
-Source: Norgaard, Poulsen & Ravn (2000), doi:10.1016/S0005-1098(00)00089-3; equations in 000 (3.3.10-3.3.46).
+Source: Norgaard, Poulsen & Ravn (2000), doi:10.1016/S0005-1098(00)00089-3; equations in 000 (3.3.10-3.3.46);
+docs/mathematics/filters.md#divided-differences.
 Shapes: x (..., n), S (..., n, n), z (..., m); f and h get (..., 2n + 1, n).
-Departures: additive noise, whose columns need no points; 3.3.24 corrected (h^4 where 4 h^2 is printed); QR instead of
-Gram-Schmidt; sums about the image of the mean.
+Departures: noise is additive, so its columns need no points. Equation (3.3.24) is corrected (docs/mathematics/errata.md
+no. 21). Roots come from QR instead of Gram-Schmidt. Sums are about the image of the mean.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from solvers.filters.sigma.square_root import SquareRootFilter
 class DDF1(SquareRootFilter):
     """The divided-difference filter of first order."""
 
-    interval: float = math.sqrt(3.0)  #: h, standard deviations; its square is best the kurtosis, 3 for Gaussians
+    interval: float = math.sqrt(3.0)  #: h > 0, in standard deviations; best is the root of the kurtosis
 
     def __post_init__(self) -> None:
         keep(self, "interval", number, above=0.0)
@@ -42,7 +43,7 @@ class DDF1(SquareRootFilter):
 class DDF2(SquareRootFilter):
     """The divided-difference filter of second order."""
 
-    interval: float = math.sqrt(3.0)  #: h >= 1, standard deviations; its square is best the kurtosis, 3 for Gaussians
+    interval: float = math.sqrt(3.0)  #: h >= 1, in standard deviations; best is the root of the kurtosis
 
     def __post_init__(self) -> None:
         keep(self, "interval", number, least=1.0)

@@ -1,8 +1,8 @@
 """What the sigma-point filters share: a choice of the root, and of the form in which the covariance is carried.
 
-The square-root form is that of Arasaratnam & Haykin (2009), doi:10.1109/TAC.2009.2019800, and van der Merwe & Wan
-(2001), doi:10.1109/ICASSP.2001.940586; departure from the latter: a centre point of negative weight needs no downdate,
-for about the average of the outer images the covariance is a sum of squares.
+Source of the square-root form: Arasaratnam & Haykin (2009), doi:10.1109/TAC.2009.2019800, and van der Merwe & Wan (2001),
+doi:10.1109/ICASSP.2001.940586. Unlike in the latter, a centre point of negative weight needs no downdate. About the average
+of the outer images the covariance is a sum of squares. Equations: docs/mathematics/filters.md#square-roots.
 """
 
 from __future__ import annotations
@@ -23,10 +23,13 @@ FORMS = ("covariance", "square-root")
 
 
 class SigmaPointFilter(GaussianFilter[Any]):
-    """Base of the filters with ``root``, ``form`` and ``point_rule``.
+    """Base of the sigma-point filters, with the settings ``root`` and ``form``; a subclass gives the ``point_rule``.
 
-    ``form="covariance"`` carries P and takes its root twice a step. ``form="square-root"`` carries the lower root and
-    renews it by QR: the same estimates, a covariance that cannot become indefinite, and half the digits lost.
+    ``form="covariance"`` carries P and takes its root twice a step. ``form="square-root"`` carries the lower root and updates it
+    by QR. The estimates are the same, the covariance cannot become indefinite, and only half as many digits are lost.
+
+    Raises:
+        ValueError: an unknown root or form, or the square-root form with another root than Cholesky's.
     """
 
     root: str
@@ -40,6 +43,7 @@ class SigmaPointFilter(GaussianFilter[Any]):
 
     @cached_property
     def point_rule(self) -> PointRule:
+        """The sigma points of the filter."""
         raise NotImplementedError(f"{type(self).__name__} has no point rule")
 
     @cached_property

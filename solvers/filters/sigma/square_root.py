@@ -1,7 +1,8 @@
-"""The square-root filter: a root S of the covariance, P = S S', is carried from step to step by QR, P never formed.
+"""The square-root filter: a root S of the covariance P = S S' is carried from step to step by QR; P is never formed.
 
-P is then positive semi-definite whatever happens, no step needs a repair (an indefinite P0, Q or R would, and is
-counted), and the condition number that rounding sees is the root of P's. # 000 (3.3.33-46)
+P is therefore always positive semi-definite, and no step needs a repair; only an indefinite P0, Q or R would, and is counted.
+The condition number that matters for rounding is the square root of that of P. Equations 000 (3.3.33-46);
+docs/mathematics/filters.md#square-roots.
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ from solvers.types import Function, Gaussian, Health, Innovation, Measurement, T
 
 
 class RootBelief(NamedTuple):
+    """One Gaussian by its mean and a root of its covariance."""
+
     mean: Array  #: (..., n)
-    root: Array  #: (..., n, n), the covariance is root root'
+    root: Array  #: (..., n, n), S with covariance S S'
     health: Health
 
 
@@ -32,22 +35,23 @@ class SquareRootFilter(BatchFilter[RootBelief]):
 
     @cached_property
     def factor_rule(self) -> FactorRule:
+        """How a Gaussian with a root passes through f and h."""
         raise NotImplementedError(f"{type(self).__name__} has no factor rule")
 
     def init(self, prior: Gaussian, rng: Any = None) -> RootBelief:
-        """The belief at the start, of a prior that may be singular. ``rng`` is not used."""
+        """Make the belief at the start from a prior that may be singular. ``rng`` is not used."""
         x = initial_gaussian(prior)
         root, repaired = semidefinite_root(x.cov)
         return count(RootBelief(x.mean, root, initial_health(x.mean, root, batch=x.mean.shape[:-1])), repaired)
 
     def predict(self, b: RootBelief, tr: Transition) -> RootBelief:
-        """S- = tria[S1 S_w S2]."""
+        """Predict mean and root, with S- = tria[T S_w U]."""
         y = factors(tr.f, b.mean, b.root, self.factor_rule)
         S_w, repaired = semidefinite_root(tr.Q)
         return count(b._replace(mean=y.mean, root=tria(beside(y.slope, S_w, y.rest))), repaired)
 
     def correct(self, b: RootBelief, me: Measurement) -> tuple[RootBelief, Innovation]:
-        """S_y = tria[T S_v U], S = tria[S- - K T, K S_v, K U]. # 000 (3.3.39-46)"""
+        """Correct mean and root, with S_y = tria[T S_v U] and S = tria[S- - K T, K S_v, K U]: 000 (3.3.39-46)."""
         y = factors(me.h, b.mean, b.root, self.factor_rule)
         S_v, repaired = semidefinite_root(me.R)
         S_y = tria(beside(y.slope, S_v, y.rest))
@@ -66,7 +70,11 @@ class SquareRootFilter(BatchFilter[RootBelief]):
 
 @dataclass(frozen=True)
 class PairedFilter(SquareRootFilter):
-    """The square-root form of a sigma-point filter."""
+    """The square-root form of a sigma-point filter.
+
+    Raises:
+        ValueError: in ``init``, a rule that has no square-root form.
+    """
 
     points: PointRule
 

@@ -1,14 +1,17 @@
 """Unscented Kalman filter.
 
-Idea: send 2n + 1 weighted points, which match mean and covariance, through f and h and take the moments of
-their images; no Jacobian.
+Idea: send 2n + 1 weighted points, which match mean and covariance, through f and h and take the moments of their images. No
+Jacobian is needed.
 
 Source: Julier & Uhlmann (2004), doi:10.1109/JPROC.2003.823141; scaled points: Julier (2002),
-doi:10.1109/ACC.2002.1025369; equations in 000 (3.3.48-3.3.70).
+doi:10.1109/ACC.2002.1025369; equations in 000 (3.3.48-3.3.70); docs/mathematics/filters.md#sigma-points.
 Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., 2n + 1, n).
-Departures: the points are redrawn after the prediction, for reusing them as 000 (3.3.64) and (3.3.67) do
-leaves Q out of the update; 3.3.54 and 3.3.57-58 corrected; sums about the centre point, so that alpha = 1e-3
-keeps its digits.
+Departures, with the numbers of docs/mathematics/errata.md#chapter-3:
+
+- The points are drawn anew after the prediction. Reusing them, as 000 (3.3.64) and (3.3.67) do, leaves Q out of the
+  update (27).
+- Equations (3.3.54) and (3.3.57-58) are corrected (23, 24).
+- Sums are about the centre point, so that no digits are lost with alpha = 1e-3.
 """
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ class UKF(SigmaPointFilter):
     beta: float = 0.0  #: 2 suits the fourth moment of a Gaussian; 0 uses the covariance alone
     kappa: float = 0.0  #: second spread parameter, > -n
     root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
-    form: str = "covariance"  #: "covariance" or "square-root", which carries a root of it and renews it by QR
+    form: str = "covariance"  #: "covariance", or "square-root", which carries a root of it and updates it by QR
 
     @cached_property
     def point_rule(self) -> Unscented:
