@@ -1,14 +1,18 @@
-"""Gaussian particle filters with particles of the Kalman result: of the cubature filter's, and of the unscented filter's.
+"""Gaussian particle filters with particles drawn from the result of the cubature filter, or of the unscented filter.
 
-Idea: a Kalman step with sigma points says where the belief will be; particles are drawn there and weighed by what the step
-left out: prior times likelihood over the density that they were drawn from. In a linear problem with Gaussian noise all
-weigh the same, and the Kalman result stands.
+Idea: a Kalman step with sigma points says where the belief will be; particles are drawn there. They are weighed by what the step
+left out, which is prior times likelihood over the density that they were drawn from. In a linear problem with Gaussian noise
+all weigh the same, and the Kalman result stands.
 
-Source: 000 (5.4.1-18), with 5.4.15 corrected; docs/mathematics/filters.md#gaussian-particles. Shapes: x (..., n), P
-(..., n, n), z (..., m).
-Departures: matched particles and marginal weights, as in gpf.py; where the task tells of noise that is not Gaussian, the
-Kalman step takes an R that stands for it at the residual seen, and the proposal is widened (``widen``, rho in 000): the
-posterior then has longer tails than any Kalman result. Widened, particles weigh differently even in a linear problem.
+Source: 000 (5.4.1-18); docs/mathematics/filters.md#gaussian-particles.
+Shapes: x (..., n), P (..., n, n), z (..., m).
+Departures:
+
+- Equation (5.4.15) is corrected (docs/mathematics/errata.md no. 57).
+- Particles are matched and weights are marginal, as in gpf.py.
+- If the task tells a noise that is not Gaussian, the Kalman step takes an R that stands for it at the residual seen.
+- The proposal is then widened by the setting ``widen``, rho in 000, for the posterior has longer tails than any Kalman result.
+  Widened particles weigh differently even in a linear problem.
 """
 
 from __future__ import annotations
@@ -24,7 +28,7 @@ from solvers.filters.particles.gaussian_particles import Belief, GaussianParticl
 from solvers.filters.registry import register
 from solvers.types import Gaussian, NoiseLaw, Transition
 
-TOLD_WIDEN = 1.5
+TOLD_WIDEN = 1.5  #: default of ``widen`` if the task tells a noise that is not Gaussian
 
 
 @register("cgpf")
@@ -32,7 +36,7 @@ TOLD_WIDEN = 1.5
 class CGPF(GaussianParticles):
     """The cubature Gaussian particle filter."""
 
-    widen: float | None = None  #: rho >= 1, of the proposal's standard deviations; None: 1, or 1.5 for told noise laws
+    widen: float | None = None  #: rho >= 1, factor of the proposal's deviations; None: 1, or 1.5 for a told law
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -40,7 +44,7 @@ class CGPF(GaussianParticles):
             keep(self, "widen", number, "a number >= 1 and <= 10, or None", least=1.0, most=10.0)
 
     def predict(self, b: Belief, tr: Transition) -> Belief:
-        """By sigma points. # 000 (5.4.1-6)"""
+        """Return the belief one epoch later, by sigma points: 000 (5.4.1-6)."""
         return GaussianFilter.predict(self, b, tr)
 
     def proposal(self, prior: Gaussian, kalman: Gaussian, law: NoiseLaw | None) -> Gaussian:

@@ -1,16 +1,16 @@
-"""The Gaussian particle filter: particles for the moments of a step, a Gaussian from step to step.
+"""What the Gaussian particle filters share: particles for the moments of a step, a Gaussian from step to step.
 
-What the family shares; a filter of it says where its particles come from. The belief holds the Gaussian, the key of each
-run's stream and the effective sample size; no particle outlives its step.
+A filter of this family says from where its particles are drawn. The belief holds the Gaussian, the key of each run's random
+stream, and the effective sample size. No particle outlives its step.
 
-Where h is ``Linear``, the likelihood depends on y = h(x) alone, and x given y is Gaussian with known moments. With
-``marginal`` only y is sampled and weighed and the rest follows exactly (Rao-Blackwell): else every weighing adds noise of
-relative size 1 / sqrt(M) to directions that the fix says nothing of, and thousands of them destroy the covariance
-(docs/mathematics/filters.md#gaussian-particles). Process noise enters through Q itself, not through draws, and a
-``Linear`` f is used exactly.
+If h is ``Linear``, the likelihood depends on y = h(x) alone, and x given y is Gaussian with known moments. With ``marginal``
+only y is sampled and weighed, and the rest follows exactly (Rao-Blackwell). Otherwise every weighing adds noise of relative
+size 1 / sqrt(M) to directions about which the fix says nothing. Thousands of weighings then destroy the covariance. Process
+noise enters through Q itself, not through draws, and a ``Linear`` f is used exactly.
 
-f and h meet the particles in slices of the particle axis, for a transition cannot be split into runs; ``memory_mb`` bounds
-what they make on the way. The particles themselves take 8 M n bytes per run, twice.
+The functions f and h get the particles in slices of the particle axis, because a transition cannot be split into runs.
+``memory_mb`` bounds their temporaries. The particles themselves take 8 M n bytes per run, twice.
+Equations: docs/mathematics/filters.md#gaussian-particles.
 """
 
 from __future__ import annotations
@@ -35,27 +35,33 @@ from solvers.filters.particles.importance import LIKELIHOODS, cloud_moments, law
 from solvers.filters.particles.random_points import MATCHING, Keys, check_enough, draw, particle_count, run_keys
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Moments, NoiseLaw, Transition
 
-PREDICT, CORRECT = 0, 1  #: purposes of draws
+PREDICT, CORRECT = 0, 1  #: what a draw is for, so that each has random numbers of its own
 
 
 class Belief(NamedTuple):
+    """One Gaussian, and the random stream of each run."""
+
     mean: Array  #: (..., n)
     cov: Array  #: (..., n, n)
-    key: Keys  #: (...)
-    ess: Array  #: (...) effective sample size of the last weighing, as a share of the particles
+    key: Keys  #: (...), key of the random stream
+    ess: Array  #: (...), effective sample size of the last weighing, as a share of the particles
     health: Health
 
 
 @dataclass(frozen=True)
 class GaussianParticles(GaussianFilter[Belief]):
-    """Base of the Gaussian particle filters."""
+    """Base of the Gaussian particle filters.
 
-    particles: int = 2000
-    matching: str = "pairs"  #: "pairs", "moments" or "none": what is exact about the particles before they are weighed
-    marginal: bool = True  #: weigh no more than a linear h sees
-    likelihood: str = "told"  #: of the fix: the law that is "told", or "gaussian"
-    min_ess: float = 0.1  #: share of the particles below which the step takes the Kalman result
-    memory_mb: float = 4.0  #: for the model's temporaries; small slices stay in the cache and are the fastest
+    Raises:
+        ValueError: a setting outside its range; in ``init``, too few particles for the number of states.
+    """
+
+    particles: int = 2000  #: number of particles
+    matching: str = "pairs"  #: how draws are matched to their moments: "pairs", "moments" or "none"
+    marginal: bool = True  #: whether only the directions that a linear h sees are weighed
+    likelihood: str = "told"  #: likelihood of a fix: "told", the law that the task tells, or "gaussian"
+    min_ess: float = 0.1  #: effective share of the particles below which the step takes the Kalman result
+    memory_mb: float = 4.0  #: memory for the temporaries of f and h; small slices stay in the cache and are the fastest
 
     def __post_init__(self) -> None:
         keep(self, "matching", choice, MATCHING)
@@ -67,27 +73,27 @@ class GaussianParticles(GaussianFilter[Belief]):
 
     @cached_property
     def rule(self) -> MomentRule:
-        """Of the Kalman filter beside it."""
+        """The moment rule of the Kalman step that accompanies the particles."""
         return SigmaPoints(Cubature())
 
     @property
     def kind(self) -> str:
-        """Of the points, as in ``points_random.normals``."""
+        """The kind of random points: "random", or a key of ``random_points.POINTS``."""
         return "random"
 
     @abstractmethod
     def proposal(self, prior: Gaussian, kalman: Gaussian, law: NoiseLaw | None) -> Gaussian:
-        """Where particles are drawn: from the prior itself, or from a Gaussian made of the Kalman result."""
+        """Return the Gaussian from which particles are drawn: the prior itself, or one made of the Kalman result."""
 
     def init(self, prior: Gaussian, rng: Any = None) -> Belief:
-        """The belief at the start; ``rng``: one Generator, or a sequence with one per run."""
+        """Make the belief at the start; ``rng`` is one Generator, or a sequence with one per run."""
         b = initial_belief(prior)
         check_enough(self.particles, b.mean.shape[-1], self.matching)
         batch = b.mean.shape[:-1]
         return Belief(b.mean, b.cov, run_keys(rng, batch), np.ones(batch), b.health)
 
     def predict(self, b: Belief, tr: Transition) -> Belief:
-        """Moments of f(x) over particles, and Q. # 000 (5.2.5-8)"""
+        """Return the belief one epoch later: the moments of f(x) over particles, and Q added: 000 (5.2.5-8)."""
         if isinstance(tr.f, Linear):
             return super().predict(b, tr)
         x, repaired = self.drawn(Gaussian(b.mean, b.cov), b, PREDICT)
@@ -95,7 +101,10 @@ class GaussianParticles(GaussianFilter[Belief]):
         return count(b._replace(mean=y.mean, cov=y.cov + tr.Q), repaired)
 
     def correct(self, b: Belief, me: Measurement) -> tuple[Belief, Innovation]:
-        """Weighted moments, or the Kalman result where too few particles count. # 000 (5.2.12-13), (5.2.3-4)"""
+        """Return the belief of the weighted moments, or the Kalman result if too few particles count.
+
+        Equations 000 (5.2.12-13), (5.2.3-4).
+        """
         x = Gaussian(b.mean, b.cov)
         y, repaired = moments(me.h, x, self.rule)
         law = law_for(self.likelihood, me.law)
@@ -115,7 +124,7 @@ class GaussianParticles(GaussianFilter[Belief]):
     def weighed(
         self, b: Belief, prior: Gaussian, kalman: Gaussian, h: Function, me: Measurement, law: NoiseLaw | None
     ) -> tuple[Gaussian, Array, Any]:
-        """Moments of the weighted particles, their relative effective sample size, and repairs."""
+        """Return the moments of the weighted particles, their effective sample size as a share, and the repaired runs."""
         q = self.proposal(prior, kalman, law)
         x, repaired = self.drawn(q, b, CORRECT)
         log_w = log_density(me.z[..., None, :] - through(h, x, self.memory_mb), me.R, law)
@@ -125,23 +134,26 @@ class GaussianParticles(GaussianFilter[Belief]):
         w, _ = normalise(log_w)
         after = cloud_moments(x, w)
         number = effective(w)
-        # unbiased; what matched particles have of their own accord is not corrected twice
+        # an unbiased covariance; matched particles already have the part 1 / M
         lost = 1.0 / number - (0.0 if self.matching == "none" else 1.0 / self.particles)
         return after._replace(cov=after.cov / (1.0 - lost)[..., None, None]), number / self.particles, repaired
 
     def drawn(self, x: Gaussian, b: Belief, purpose: int) -> tuple[Array, Any]:
-        """Particles (..., M, n) of x, and the runs whose covariance was repaired."""
+        """Draw particles (..., M, n) of x, and return them with the runs whose covariance was repaired."""
         S, repaired = cholesky(x.cov)
         where = (self.matching, self.kind, b.key, b.health.epoch, purpose, self.particles)
         return draw(*where, S, x.mean), repaired
 
     def diagnostics(self, b: Belief) -> dict[str, Array]:
-        """Effective sample size as a share of the particles, and the steps that took the Kalman result."""
+        """Return the effective sample size as a share, and the number of steps that took the Kalman result."""
         return {"ess": b.ess, "fallbacks": b.health.fallbacks.astype(float)}
 
 
 def lifted(x: Gaussian, y: Moments, seen: Gaussian) -> Gaussian:
-    """x after its linear image y was found to have the moments ``seen``: mean + K (seen - y), cov - K (S - seen) K'."""
+    """Return x after its linear image y turned out to have the moments ``seen``.
+
+    The mean is x + K (seen - y), the covariance P - K (S - seen) K', with S the covariance of y.
+    """
     K, _, _ = gain(y)
     mean = x.mean + (K @ (seen.mean - y.mean)[..., None])[..., 0]
     cov = x.cov - K @ (y.cov - seen.cov) @ K.mT

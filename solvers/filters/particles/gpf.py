@@ -1,13 +1,17 @@
-"""Gaussian particle filters with particles of the prediction: from pseudo-random points, and from quasi-random ones.
+"""Gaussian particle filters with particles drawn from the prediction, by pseudo-random or quasi-random points.
 
 Idea: the moments of f(x) from particles of the belief, the moments after a fix from particles of the prediction weighed by
-the likelihood; any likelihood will do. Quasi-random points fill space evenly, so that fewer do.
+the likelihood. Any likelihood will do. Quasi-random points fill space evenly, so that fewer are enough.
 
-Source: Kotecha & Djuric (2003), doi:10.1109/TSP.2003.816758; 000 (5.2.1-13), (5.3.1-17); errata 53-58.
+Source: Kotecha & Djuric (2003), doi:10.1109/TSP.2003.816758; 000 (5.2.1-13), (5.3.1-17);
+docs/mathematics/filters.md#gaussian-particles.
 Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., M, n), in slices of the particle axis.
-Departures: particles with the mean and covariance they are meant to have, in mirrored pairs (``matching``), no weight for
-what a linear h does not see (``marginal``): without these the covariance drifts away over thousands of fixes. Weights sum
-to one, where 000 (5.2.9-11) divides by M once more. The quasi-random sets are moved afresh at every draw.
+Departures, with the numbers of docs/mathematics/errata.md#chapter-5:
+
+- Particles have exactly the mean and covariance that they stand for, in mirrored pairs (``matching``), and directions that a
+  linear h does not see are not weighed (``marginal``). Otherwise the covariance drifts over thousands of fixes (58).
+- Weights sum to one; 000 (5.2.9-11) divides by M once more (53).
+- The quasi-random sets are moved afresh at every draw.
 """
 
 from __future__ import annotations
@@ -35,8 +39,8 @@ class GPF(GaussianParticles):
 class RQMCGPF(GPF):
     """The Gaussian particle filter with randomised quasi-random points."""
 
-    particles: int = 2048  #: a power of two is best for Sobol points
-    points: str = "sobol"  #: scrambled "sobol" or "halton", or "halton_start": Halton's from a random start, as in 000
+    particles: int = 2048  #: number of particles; a power of two is best for Sobol points
+    points: str = "sobol"  #: "sobol", "halton" (both scrambled), or "halton_start", Halton's from a random start
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,6 +1,7 @@
 """Weighted particles (..., M, n), M per run: densities, moments, resampling, and clouds fitted to given moments.
 
-Weights are kept as logarithms until they are normalised (``mixtures.normalise``); all is written for whole batches.
+Weights are kept as logarithms until :func:`solvers.blocks.mixtures.normalise`. Everything works on whole batches.
+Equations: docs/mathematics/filters.md#particles.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from solvers.blocks.square_root import cholesky
 from solvers.types import Function, Gaussian, Linear, Moments, NoiseLaw
 
 LIKELIHOODS = ("told", "gaussian")
-TEMPORARIES = 16  #: arrays of the size of its argument that a model is taken to make
+TEMPORARIES = 16  #: assumed number of temporary arrays, of the size of its argument, that f or h makes
 
 
 def log_density(residual: Array, R: Array, law: NoiseLaw | None = None) -> Array:
-    """log p(v) (..., M) at v = ``residual`` (..., M, m), of N(0, R), or of the told law with the scale matrix R.
+    """Return log p(v) (..., M) at v = ``residual`` (..., M, m), for N(0, R) or the told law with scale matrix R.
 
     Directions in which R is zero do not count.
     """
@@ -42,9 +43,10 @@ def log_density(residual: Array, R: Array, law: NoiseLaw | None = None) -> Array
 
 
 def stand_in(residual: Array, explained: Array, R: Array, law: NoiseLaw | None) -> Array:
-    """The R of a Gaussian that stands for the told law once the residual (..., m) is seen: R / E[1 / s^2]. (..., m, m)
+    """Return the R (..., m, m) of a Gaussian that stands for the told law once the residual (..., m) is seen.
 
-    ``explained`` (..., m, m) is the covariance of h(x), so that the residual has the scale S = explained + R.
+    It is R / E[1 / s^2], with s the factor of the law. ``explained`` (..., m, m) is the covariance of h(x), so that the
+    residual has the scale S = explained + R.
     """
     if law is None:
         return R
@@ -65,14 +67,14 @@ def stand_in(residual: Array, explained: Array, R: Array, law: NoiseLaw | None) 
 
 
 def law_for(likelihood: str, law: NoiseLaw | None) -> NoiseLaw | None:
-    """The told law, or None (Gaussian) where the setting says so."""
+    """Return the told law, or None for a Gaussian one if the setting ``likelihood`` says so."""
     return law if likelihood == "told" else None
 
 
 def through(g: Function, x: Array, memory_mb: float) -> Array:
-    """g at particles (*batch, M, n), in slices of the particle axis whose temporaries fit in ``memory_mb``.
+    """Return g at particles (*batch, M, n), in slices of the particle axis whose temporaries fit in ``memory_mb``.
 
-    Runs cannot be taken apart, for g is bound to its batch. Small slices are also faster: they stay in the cache.
+    The runs cannot be separated, because g is bound to its batch. Small slices are faster too, for they stay in the cache.
     """
     if isinstance(g, Linear):  # one product for all particles of a run
         y = x @ g.matrix.mT
@@ -91,14 +93,14 @@ def through(g: Function, x: Array, memory_mb: float) -> Array:
 
 
 def average(x: Array, weights: Array | None = None) -> Array:
-    """The mean (..., 1, n) of particles (..., M, n); a product is several times faster than NumPy's sum over M."""
+    """Return the mean (..., 1, n) of particles (..., M, n), as a product, several times faster than NumPy's sum."""
     if weights is None:
         weights = np.full(x.shape[-2], 1.0 / x.shape[-2])
     return weights[..., None, :] @ x
 
 
 def cloud_moments(x: Array, weights: Array | None = None) -> Gaussian:
-    """Mean and covariance of particles (..., M, n) with ``weights`` (..., M) that sum to one; None: all the same."""
+    """Return mean and covariance of particles (..., M, n) with ``weights`` (..., M) of sum one; None: all equal."""
     mean = average(x, weights)
     apart = x - mean
     if weights is None:
@@ -108,9 +110,9 @@ def cloud_moments(x: Array, weights: Array | None = None) -> Gaussian:
 
 
 def fit(x: Array, target: Gaussian, weights: Array | None = None) -> tuple[Array, Mask | None]:
-    """The particles moved by the lower triangular map that gives them the moments of ``target``, and which runs were repaired.
+    """Give particles the moments of ``target`` by a lower triangular map, and return them with the repaired runs.
 
-    Makes up for what chance left in the moments of a draw: a map near the identity.
+    The map is near the identity, for it only removes the chance errors of a draw.
     """
     now = cloud_moments(x, weights)
     root, repaired = cholesky(target.cov)
@@ -122,17 +124,17 @@ def fit(x: Array, target: Gaussian, weights: Array | None = None) -> tuple[Array
 
 
 def bandwidth(count: int, n: int) -> float:
-    """The kernel's standard deviation, as a share of the spread, that smooths ``count`` points of a Gaussian best.
+    """Return the best kernel width for ``count`` points of a Gaussian in n dimensions, as a share of their spread.
 
-    Silverman (1986), eq. 4.14; Musso, Oudjane & Le Gland (2001) for particles.
+    Source: Silverman (1986), eq. 4.14; Musso, Oudjane & Le Gland (2001) for particles.
     """
     return float((4.0 / (count * (n + 2.0))) ** (1.0 / (n + 4.0)))
 
 
 def systematic(weights: Array, u: Array) -> NDArray[np.int64]:
-    """Indices (..., M) of the particles that survive: as many of each as points (j + u) / M fall into its weight.
+    """Return the indices (..., M) of the surviving particles: as many of each as points (j + u) / M fall into its weight.
 
-    ``weights`` (..., M) sum to one; ``u`` (...) uniform on [0, 1), one number per run.
+    ``weights`` (..., M) sum to one. ``u`` (...) is uniform on [0, 1), one number per run.
     """
     M = weights.shape[-1]
     edges = np.ceil(M * np.cumsum(weights, axis=-1) - u[..., None])
@@ -143,7 +145,7 @@ def systematic(weights: Array, u: Array) -> NDArray[np.int64]:
 
 
 def cloud_images(x: Array, y: Array, weights: Array) -> tuple[Gaussian, Moments]:
-    """Moments of the particles x (..., M, n), and of their images y (..., M, m) with the cross covariance (..., n, m)."""
+    """Return the moments of particles x (..., M, n), and those of their images y (..., M, m) with cross covariance."""
     n = x.shape[-1]
     mean, cov = cloud_moments(np.concatenate([x, y], axis=-1), weights)
     images = Moments(mean[..., n:], cov[..., n:, n:], cov[..., :n, n:])

@@ -1,4 +1,4 @@
-"""What the particle filters share: settings, the start, and which runs have too few particles that count."""
+"""What the particle filters share: settings, the start, and the test for too few particles that count."""
 
 from __future__ import annotations
 
@@ -16,26 +16,32 @@ from solvers.filters.particles.importance import LIKELIHOODS, systematic
 from solvers.filters.particles.random_points import Keys, check_enough, draw, particle_count, run_keys, uniforms
 from solvers.types import Gaussian, Health
 
-PREDICT, RESAMPLE, ROUGHEN, START = range(4)  #: purposes of draws
+PREDICT, RESAMPLE, ROUGHEN, START = range(4)  #: what a draw is for, so that each has random numbers of its own
 
 
 class Cloud(NamedTuple):
-    x: Array  #: (..., M, n)
-    log_w: Array  #: (..., M), of weights that sum to one
-    key: Keys  #: (...)
-    ess: Array  #: (...) effective sample size of the last weighing, as a share of the particles
+    """Weighted particles, and the random stream of each run."""
+
+    x: Array  #: (..., M, n), the particles
+    log_w: Array  #: (..., M), logarithms of weights that sum to one
+    key: Keys  #: (...), key of the random stream
+    ess: Array  #: (...), effective sample size of the last weighing, as a share of the particles
     health: Health
 
 
 @dataclass(frozen=True)
 class ParticleFilter(BatchFilter[Any]):
-    """Settings that the particle filters share, and what they say of themselves."""
+    """Base of the particle filters: their settings and diagnostics.
 
-    particles: int = 2000
-    resample: float = 0.5  #: share of the particles; with fewer that count, they are resampled
-    likelihood: str = "told"  #: of the fix: the law that is "told", or "gaussian"
-    min_ess: float = 0.02  #: share of the particles; with fewer that count, they are moved to the Kalman result
-    memory_mb: float = 4.0  #: for the model's temporaries; small slices stay in the cache and are the fastest
+    Raises:
+        ValueError: a setting outside its range; in ``init``, too few particles for the number of states.
+    """
+
+    particles: int = 2000  #: number of particles
+    resample: float = 0.5  #: effective share of the particles below which they are resampled
+    likelihood: str = "told"  #: likelihood of a fix: "told", the law that the task tells, or "gaussian"
+    min_ess: float = 0.02  #: effective share of the particles below which they are moved to the Kalman result
+    memory_mb: float = 4.0  #: memory for the temporaries of f and h; small slices stay in the cache and are the fastest
 
     def __post_init__(self) -> None:
         keep(self, "particles", particle_count, "pairs")
@@ -45,7 +51,7 @@ class ParticleFilter(BatchFilter[Any]):
         keep(self, "memory_mb", number, above=0.0)
 
     def start(self, prior: Gaussian, rng: Any, share: float = 1.0) -> tuple[Gaussian, Cloud]:
-        """The prior as arrays, and particles that carry ``share`` of its covariance."""
+        """Return the prior as arrays, and particles that carry ``share`` of its covariance."""
         x = initial_gaussian(prior)
         n, batch = x.mean.shape[-1], x.mean.shape[:-1]
         check_enough(self.particles, n, "pairs")
@@ -57,18 +63,18 @@ class ParticleFilter(BatchFilter[Any]):
         return x, count(b, repaired)
 
     def too_few(self, number: Array, n: int) -> Mask:
-        """The runs in which fewer particles count than moments can be taken from; not a number is too few."""
+        """Return a mask (...) of the runs in which too few particles count for moments; NaN is too few."""
         return ~(number >= max(self.min_ess * self.particles, 2 * n))
 
     def survivors(self, b: Any, w: Array, rows: Mask) -> NDArray[np.int64]:
-        """Indices (runs, M) of the particles that survive in the runs of the mask (...)."""
+        """Return the indices (runs, M) of the surviving particles, in the runs of the mask (...)."""
         return systematic(w[rows], uniforms(b.key[rows], b.health.epoch, RESAMPLE, 1)[:, 0])
 
     def diagnostics(self, b: Any) -> dict[str, Array]:
-        """Effective sample size as a share of the particles, and the steps that took the Kalman result."""
+        """Return the effective sample size as a share, and the number of steps that took the Kalman result."""
         return {"ess": b.ess, "fallbacks": b.health.fallbacks.astype(float)}
 
 
 def log_weights(w: Array) -> Array:
-    """Finite logarithms, for a belief must be finite; NaN stays."""
+    """Return finite logarithms of weights, because a belief must be finite; NaN stays."""
     return np.log(np.maximum(w, 1e-300))

@@ -1,15 +1,19 @@
 """Particle filter: sampling importance resampling, with systematic resampling and roughening.
 
-Idea: particles follow the model, noise and all; a fix weighs them by its likelihood; where few are left that count, those
-are copied and spread a little. The only filter of the zoo whose belief may have any shape.
+Idea: particles follow the model with its noise, and a fix weighs them by its likelihood. If few of them count any more, those
+are copied and spread a little. The belief of this filter may have any shape.
 
 Source: Gordon, Salmond & Smith (1993), doi:10.1049/ip-f-2.1993.0015; Liu & West (2001),
 doi:10.1007/978-1-4757-3437-9_10; 004 section 3.2; docs/mathematics/filters.md#particles.
 Shapes: particles (..., M, n), log weights (..., M); f and h get (..., M, n), in slices of the particle axis.
-Departures: roughening is Liu and West's kernel, which shrinks towards the mean by as much as it spreads and so keeps the
-covariance; without it biases, which no noise drives, end on one value. With ``matched``, draws have the moments they stand
-for: noise adds Q exactly, copying and spreading leave mean and covariance as they were. Where fewer than ``min_ess`` or
-2n particles count, they are moved as one to the Kalman result of their moments instead, and the step is counted.
+Departures:
+
+- Roughening is Liu and West's kernel, which shrinks towards the mean by as much as it spreads and so keeps the covariance.
+  Without it biases, which no noise drives, end on one value.
+- With ``matched``, draws have the moments that they stand for. Noise adds exactly Q, and copying and spreading keep mean and
+  covariance.
+- If fewer than the share ``min_ess`` or fewer than 2n particles count, all are moved together to the Kalman result of their
+  moments. Such a step is counted as a fallback.
 """
 
 from __future__ import annotations
@@ -47,7 +51,7 @@ from solvers.types import Function, Gaussian, Innovation, Measurement, Transitio
 class PF(ParticleFilter):
     """The particle filter."""
 
-    roughening: float | None = None  #: the kernel's share of the spread at a resampling; None: the best for a Gaussian
+    roughening: float | None = None  #: width of the kernel as a share of the spread; None: the best for a Gaussian
     matched: bool = True  #: whether draws get the moments that they stand for
 
     def __post_init__(self) -> None:
@@ -59,11 +63,11 @@ class PF(ParticleFilter):
         keep(self, "matched", flag)
 
     def init(self, prior: Gaussian, rng: Any = None) -> Cloud:
-        """Particles of the prior; ``rng``: one Generator, or a sequence with one per run."""
+        """Draw particles of the prior; ``rng`` is one Generator, or a sequence with one per run."""
         return self.start(prior, rng)[1]
 
     def predict(self, b: Cloud, tr: Transition) -> Cloud:
-        """Each particle through f, with noise of its own."""
+        """Move each particle by f, with noise of its own."""
         x = through(tr.f, b.x, self.memory_mb)
         S, repaired = semidefinite_root(tr.Q)
         noisy = x + normals("random", b.key, b.health.epoch, PREDICT, *x.shape[-2:]) @ S.mT
@@ -75,7 +79,7 @@ class PF(ParticleFilter):
         return count(b._replace(x=noisy), repaired)
 
     def correct(self, b: Cloud, me: Measurement) -> tuple[Cloud, Innovation]:
-        """Weigh; then resample and roughen, or move, where few particles count."""
+        """Weigh the particles; if few of them count, resample and roughen them, or move all to the Kalman result."""
         before, y = np.exp(b.log_w), through(me.h, b.x, self.memory_mb)
         prior, seen = cloud_images(b.x, y, before)
         law = law_for(self.likelihood, me.law)
@@ -101,7 +105,7 @@ class PF(ParticleFilter):
         return after, Innovation(me.z - seen.mean, seen.cov + me.R)
 
     def renewed(self, b: Cloud, w: Array, rows: Mask) -> tuple[Array, Mask]:
-        """Copies (runs, M, n) of the particles that survive in the runs of the mask, roughened, and which were repaired."""
+        """Return roughened copies (runs, M, n) of the surviving particles, in the runs of the mask, and the repaired runs."""
         M, n = b.x.shape[-2:]
         target = cloud_moments(b.x[rows], w[rows])
         x = np.take_along_axis(b.x[rows], self.survivors(b, w, rows)[..., None], axis=-2)
@@ -117,7 +121,7 @@ class PF(ParticleFilter):
         return x, np.zeros(len(x), dtype=bool) if repaired is None else repaired
 
     def estimate(self, b: Cloud) -> Gaussian:
-        """Weighted mean and covariance."""
+        """Return the weighted mean (..., n) and covariance (..., n, n)."""
         return cloud_moments(b.x, np.exp(b.log_w))
 
     def move(self, b: Cloud, g: Function, jac: Callable[[Array], Array]) -> Cloud:

@@ -1,11 +1,12 @@
-"""Points of N(0, I) for particle filters: pseudo-random or randomised quasi-random, from a stream of each run's own.
+"""Points of N(0, I) for particle filters: pseudo-random or randomised quasi-random, with a random stream for each run.
 
-A belief carries one integer key per run. What is drawn depends on that key, the epoch and the purpose alone (a
-counter-based generator, Philox): the same belief draws the same points, and a run the same as in any batch.
+A belief carries one integer key per run. A draw depends only on this key, the epoch and the purpose, by the counter-based
+generator Philox. The same belief thus draws the same points, and a run draws the same points in every batch.
 
-Quasi-random sets are drawn once and moved afresh at every draw, which leaves each point uniform and each estimate unbiased:
-Sobol points of scipy.stats.qmc (scrambled) by a digital shift, scrambled Halton points by a shift modulo one, and the
-Halton sequence from a random start. # 000 section 5.3, algorithms 1 and 2 corrected (errata 55, 56)
+Quasi-random sets are made once and moved afresh at every draw, which keeps each point uniform and each estimate unbiased. There
+are three: scrambled Sobol points, moved by a digital shift; scrambled Halton points, moved by a shift modulo one; and Halton's
+sequence from a random start. The last is algorithm 1 of 000 section 5.3, with nos. 55 and 56 of docs/mathematics/errata.md.
+Equations: docs/mathematics/filters.md#gaussian-particles.
 """
 
 from __future__ import annotations
@@ -27,15 +28,15 @@ from solvers.filters.particles.importance import average
 Keys = NDArray[np.int64]
 
 MATCHING = ("pairs", "moments", "none")
-EDGE = 1e-12  #: u is kept this far from 0 and 1
-BITS = 53
+EDGE = 1e-12  #: least distance of a uniform number u from 0 and 1
+BITS = 53  #: number of binary digits of a uniform number
 
 
 def run_keys(rng: Any, batch: tuple[int, ...]) -> Keys:
-    """One key per run, shape ``batch``, from one Generator (in order), or from a sequence with one per run.
+    """Return one key per run, shape ``batch``, from one Generator in order, or from a sequence with one per run.
 
     Raises:
-        ValueError: anything else, None among it.
+        ValueError: ``rng`` is anything else, such as None.
     """
     runs = int(np.prod(batch))
     generators = [rng] * runs if isinstance(rng, np.random.Generator) else rng
@@ -50,7 +51,7 @@ def run_keys(rng: Any, batch: tuple[int, ...]) -> Keys:
 
 
 def _streams(keys: Keys, epoch: int, stage: int) -> Iterator[np.random.Generator]:
-    """The generator of each run in turn: one object, set to each run's place (0.8 us; a new one costs 20)."""
+    """Yield the generator of each run in turn: one object, set to the run's stream, because a new one takes 20 us."""
     bits = np.random.Philox(0)
     state: Any = bits.state
     state["state"]["counter"] = np.array([0, 0, stage, epoch], dtype=np.uint64)
@@ -62,13 +63,16 @@ def _streams(keys: Keys, epoch: int, stage: int) -> Iterator[np.random.Generator
 
 
 def uniforms(keys: Keys, epoch: int, stage: int, count: int) -> Array:
-    """(*batch, count), uniform on [0, 1), multiples of 2^-53."""
+    """Draw numbers (*batch, count), uniform on [0, 1), which are multiples of 2^-53."""
     drawn = [stream.random(count) for stream in _streams(keys, epoch, stage)]
     return np.array(drawn).reshape(*keys.shape, count)
 
 
 def normals(points: str, keys: Keys, epoch: int, stage: int, count: int, n: int) -> Array:
-    """(*batch, count, n) points of N(0, I); ``points`` is a key of ``POINTS``. x = phi^-1(u). # 000 (5.3.8-9)"""
+    """Draw points (*batch, count, n) of N(0, I), x = phi^-1(u): 000 (5.3.8-9).
+
+    ``points`` is "random" or a key of ``POINTS``.
+    """
     if points == "random":
         out = np.empty((keys.size, count, n))
         for stream, own in zip(_streams(keys, epoch, stage), out, strict=True):
@@ -81,11 +85,13 @@ def normals(points: str, keys: Keys, epoch: int, stage: int, count: int, n: int)
 def draw(
     matching: str, points: str, keys: Keys, epoch: int, stage: int, count: int, S: Array, mean: Array | None = None
 ) -> Array:
-    """(*batch, count, n) points of N(mean, S S'), S (..., n, n), matched: with these very moments. #
-    docs/mathematics/filters.md#gaussian-particles, erratum 58
+    """Draw points (*batch, count, n) of N(mean, S S') with S (..., n, n), x = mean + S phi^-1(u).
 
-    "moments" centres and whitens the points of ``normals``; "pairs" takes each with its mirror image besides, so that all
-    odd moments about the mean vanish; "none" leaves them as they were drawn. x = mean + S phi^-1(u). # erratum 56
+    ``matching`` says which of their moments are exact (docs/mathematics/errata.md nos. 56 and 58):
+
+    - "moments": mean and covariance, because the points of ``normals`` are centred and whitened;
+    - "pairs": all odd moments about the mean too, because each point has its mirror image;
+    - "none": nothing, the points stay as they were drawn.
     """
     n = S.shape[-1]
     drawn = count // 2 if matching == "pairs" else count
@@ -105,7 +111,11 @@ def draw(
 
 
 def particle_count(name: str, given: Any, matching: str) -> int:
-    """A whole number from 2 on, even where particles come in pairs."""
+    """Check a number of particles: a whole number >= 2, which is even if particles come in pairs.
+
+    Raises:
+        ValueError: any other value.
+    """
     pairs = matching == "pairs"
     allowed = f"{'an even' if pairs else 'a'} whole number >= 2 with matching = {matching!r}"
     value = whole(name, given, allowed, least=2)
@@ -115,31 +125,35 @@ def particle_count(name: str, given: Any, matching: str) -> int:
 
 
 def check_enough(count: int, n: int, matching: str) -> None:
-    """Raises ValueError for fewer particles than the moments of n states need."""
+    """Check that there are enough particles for the moments of n states.
+
+    Raises:
+        ValueError: there are too few.
+    """
     needed = {"pairs": 2 * n + 2, "moments": n + 2, "none": 2}[matching]
     if count < needed:
         raise ValueError(f"particles = {count} for {n} states with matching = {matching!r}; allowed: at least {needed}")
 
 
 def shifted_sobol(u: Array, count: int) -> Array:
-    """(*batch, count, n): the scrambled Sobol points, shifted digitally by u (*batch, n)."""
+    """Return scrambled Sobol points (*batch, count, n), shifted digitally by u (*batch, n)."""
     shift = (u * 2.0**BITS).astype(np.int64)
     return np.multiply(_sobol(count, u.shape[-1]) ^ shift[..., None, :], 2.0**-BITS, dtype=np.float64)
 
 
 def shifted_halton(u: Array, count: int) -> Array:
-    """(*batch, count, n): the scrambled Halton points, shifted modulo one by u (*batch, n)."""
+    """Return scrambled Halton points (*batch, count, n), shifted modulo one by u (*batch, n)."""
     moved = _halton(count, u.shape[-1]) + u[..., None, :]
     moved -= moved >= 1.0
     return moved
 
 
 def started_halton(u: Array, count: int) -> Array:
-    """(*batch, count, n): Halton's sequence from the start u (*batch, n), u = 0 being its usual one.
+    """Return Halton's sequence (*batch, count, n) from the start u (*batch, n); u = 0 is the usual start.
 
-    The von Neumann-Kakutani map u -> u + b_k of 000 algorithm 1 (corrected), point after point, is addition of one to
-    the number whose digits, mirrored, u has. Here the leading s digits are looked up, p^s >= ``count``, and the map itself
-    is taken at most once, for the carry into the digits behind them.
+    From point to point, the von Neumann-Kakutani map u -> u + b_k of 000 algorithm 1 (docs/mathematics/errata.md no. 55) adds one
+    to the number with the mirrored digits of u. Here the leading s digits, p^s >= ``count``, are looked up. The map
+    itself is taken at most once, for the carry into the digits behind them.
     """
     out = np.empty((*u.shape[:-1], count, u.shape[-1]))
     j = np.arange(count)
@@ -154,7 +168,7 @@ def started_halton(u: Array, count: int) -> Array:
 
 
 def _kakutani(u: Array, p: int) -> Array:
-    """The next of the sequence: k = floor(-ln(1 - u) / ln p) + 1, u + (p + 1 - p^k) / p^k. # 000 algorithm 1, erratum 55"""
+    """Return the next point of the sequence, u + (p + 1 - p^k) / p^k with k = floor(-ln(1 - u) / ln p) + 1."""
     k = np.floor(-np.log1p(-u) / np.log(p)) + 1.0
     return np.clip(u + (p + 1.0) * p**-k - 1.0, 0.0, 1.0 - 2.0**-BITS)
 
@@ -176,7 +190,7 @@ def _halton(count: int, n: int) -> Array:
 
 @cache
 def _mirrored(p: int, count: int) -> NDArray[np.int64]:
-    """The numbers below p^s with their s digits to base p in reverse order, p^s >= ``count``."""
+    """Return the numbers below p^s >= ``count`` with their s digits to base p in reverse order."""
     mirrored = np.zeros(1, dtype=np.int64)
     while len(mirrored) < count:
         mirrored = (p * mirrored + np.arange(p)[:, None]).ravel()
@@ -199,7 +213,7 @@ def _shared(array: Any) -> Any:
     return array
 
 
-#: the quasi-random sets, by name; "random" stands for pseudo-random points
+#: The quasi-random sets by name; "random" in their place means pseudo-random points.
 POINTS: dict[str, Callable[[Array, int], Array]] = {
     "sobol": shifted_sobol,
     "halton": shifted_halton,

@@ -1,18 +1,18 @@
 """Particle filters in which each particle is a Gaussian filter: unscented, and hybrid extended (HEPF).
 
-Idea: a particle (x_i, P_i) is a small Gaussian. A Kalman step of its own takes it through model and fix to N(x^_i, P^_i);
-there the new x_i is drawn, and weighed by likelihood times N(x_i; x-_i, P-_i) over N(x_i; x^_i, P^_i). So particles go
-where the fix says, and few are enough.
+Idea: a particle (x_i, P_i) is a small Gaussian. A Kalman step of its own takes it through model and fix to N(x^_i, P^_i). The new
+x_i is drawn from there, and weighed by likelihood times N(x_i; x-_i, P-_i) over N(x_i; x^_i, P^_i). Particles thus move towards
+the fix, and few are enough.
 
 Source: van der Merwe, Doucet, de Freitas & Wan (2000), The unscented particle filter, NIPS 13; Aggarwal, Syed & El-Sheimy
 (2008), hybrid extended particle filter; 004 section 3.2; docs/mathematics/filters.md#particles-that-are-gaussians.
 Shapes: particles (..., M, n), (..., M, n, n); f and h get (..., M, n) and (..., M points, n).
 Departures: both sources take each x_i as a point whose transition density is N(f(x), Q), and yet carry a P_i as if it were
-uncertain. In alignment Q is tiny and zero for the biases, P_i is not: the two densities then never meet and one particle
-takes all the weight, however Q is floored. Here P_i is what makes the transition density: after each fix the particles give
-up the share ``kernel`` of their covariance V, x_i shrinks towards the mean and P_i = kernel V (Liu and West's kernel). So
-the mixture of all has the mean and covariance of the particles, and P-_i > 0 without a floor. Draws are fitted to the
-moments of the mixture they come from, as in pf.py, whose rule for too few particles holds too.
+uncertain. In alignment Q is tiny, and zero for the biases, while P_i is not. The two densities then never meet, and one
+particle takes all the weight, even if Q has a floor. Here P_i makes the transition density. After each fix the particles give
+up the share ``kernel`` of their covariance V: x_i shrinks towards the mean, and P_i = kernel V (Liu and West's kernel). The
+mixture of all then has the mean and covariance of the particles, and P-_i > 0 needs no floor. Draws are fitted to the moments
+of the mixture from which they come, as in pf.py. Its rule for too few particles holds here too.
 """
 
 from __future__ import annotations
@@ -40,20 +40,22 @@ from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measur
 
 
 class Swarm(NamedTuple):
-    x: Array  #: (..., M, n)
-    P: Array  #: (..., M, n, n)
-    log_w: Array  #: (..., M), of weights that sum to one
-    key: Keys  #: (...)
-    ess: Array  #: (...) effective sample size of the last weighing, as a share of the particles
+    """Weighted particles with a covariance each, and the random stream of each run."""
+
+    x: Array  #: (..., M, n), means of the particles
+    P: Array  #: (..., M, n, n), covariances of the particles
+    log_w: Array  #: (..., M), logarithms of weights that sum to one
+    key: Keys  #: (...), key of the random stream
+    ess: Array  #: (...), effective sample size of the last weighing, as a share of the particles
     health: Health
 
 
 @dataclass(frozen=True)
 class KalmanParticles(ParticleFilter):
-    """Base of the two; a subclass gives the ``rule`` of the filter in each particle."""
+    """Base of the filters whose particles are Gaussians; a subclass gives the ``rule`` of the filter in each particle."""
 
-    particles: int = 200
-    kernel: float | None = None  #: share of the covariance that the particles' own P_i carry; None: best for a Gaussian
+    particles: int = 200  #: number of particles
+    kernel: float | None = None  #: share of the covariance that the P_i carry; None: the best for a Gaussian
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -63,23 +65,24 @@ class KalmanParticles(ParticleFilter):
 
     @cached_property
     def rule(self) -> MomentRule:
+        """How each particle passes through f and h."""
         raise NotImplementedError(f"{type(self).__name__} has no moment rule")
 
     def init(self, prior: Gaussian, rng: Any = None) -> Swarm:
-        """Particles of the prior; ``rng``: one Generator, or a sequence with one per run."""
+        """Draw particles of the prior; ``rng`` is one Generator, or a sequence with one per run."""
         share = self.share(np.shape(prior.mean)[-1])
         x, cloud = self.start(prior, rng, 1.0 - share)
         P = np.repeat(share * x.cov[..., None, :, :], self.particles, axis=-3)
         return Swarm(cloud.x, P, cloud.log_w, cloud.key, cloud.ess, cloud.health)
 
     def predict(self, b: Swarm, tr: Transition) -> Swarm:
-        """Each particle's filter one epoch later."""
+        """Predict the Gaussian of each particle."""
         f = spread(self.sliced(tr.f), b.x.ndim - 2)
         y, repaired = transform(f, Gaussian(b.x, b.P), self.rule)
         return count(b._replace(x=y.mean, P=y.cov + widen(tr.Q)), _any(repaired))
 
     def correct(self, b: Swarm, me: Measurement) -> tuple[Swarm, Innovation]:
-        """Each particle's filter after the fix, a draw from it, and its weight; then the kernel anew."""
+        """Correct the Gaussian of each particle, draw from it and weigh the draw; then apply the kernel again."""
         before, law = np.exp(b.log_w), law_for(self.likelihood, me.law)
         prior, own = Gaussian(b.x, b.P), spread_measurement(me._replace(h=self.sliced(me.h)), b.x.ndim - 2)
         y, repaired = moments(own.h, prior, self.rule)
@@ -110,24 +113,27 @@ class KalmanParticles(ParticleFilter):
         return count(b, lost), Innovation(me.z - seen.mean, seen.cov + me.R)
 
     def share(self, n: int) -> float:
-        """The kernel's share of the covariance for n states."""
+        """Return the kernel's share of the covariance for n states."""
         return bandwidth(self.particles, n) ** 2 if self.kernel is None else self.kernel
 
     def drawn(self, b: Swarm, hat: Gaussian, w: Array) -> tuple[Array, Mask | None, Mask | None]:
-        """One draw (..., M, n) from each N(x^_i, P^_i), fitted to the moments of their mixture; two masks of repairs."""
+        """Draw once (..., M, n) from each N(x^_i, P^_i), fitted to the moments of their mixture.
+
+        Two masks of repaired runs follow: (...) for the fit, (..., M) for the roots.
+        """
         S, repaired = cholesky(hat.cov)
         N = normals("random", b.key, b.health.epoch, PREDICT, *b.x.shape[-2:])
         x, unfit = fit(hat.mean + (S @ N[..., None])[..., 0], collapse(w, hat), w)
         return x, unfit, repaired
 
     def sliced(self, g: Function) -> Function:
-        """g in slices that fit in memory, unless it is linear or has a Jacobian of its own."""
+        """Return g in slices that fit in memory, unless it is linear or has a Jacobian of its own."""
         if isinstance(g, Linear) or hasattr(g, "jacobian"):
             return g
         return partial(through, g, memory_mb=self.memory_mb)
 
     def estimate(self, b: Swarm) -> Gaussian:
-        """Mean and covariance of the mixture."""
+        """Return mean (..., n) and covariance (..., n, n) of the mixture."""
         return collapse(np.exp(b.log_w), Gaussian(b.x, b.P))
 
     def move(self, b: Swarm, g: Function, jac: Callable[[Array], Array]) -> Swarm:
@@ -162,7 +168,7 @@ class HEPF(KalmanParticles):
 
 
 def _kalman_where(few: Mask, other: Gaussian, prior: Gaussian, me: Measurement, law: Any, rule: MomentRule) -> Gaussian:
-    """The Kalman result of ``prior`` in the runs of the mask, ``other`` in the rest."""
+    """Return the Kalman result of ``prior`` in the runs of the mask, and ``other`` in the rest."""
     y, _ = moments(me.h, prior, rule)
     R = stand_in(me.z - y.mean, y.cov, me.R, law)
     kalman, _, _ = condition(prior, y._replace(cov=y.cov + R), me.z)
@@ -171,7 +177,7 @@ def _kalman_where(few: Mask, other: Gaussian, prior: Gaussian, me: Measurement, 
 
 
 def _log_normal(x: Array, at: Gaussian) -> Array:
-    """log N(x_i; mean_i, cov_i) (..., M)."""
+    """Return log N(x_i; mean_i, cov_i), shape (..., M)."""
     return log_density((x - at.mean)[..., None, :], at.cov)[..., 0]
 
 
