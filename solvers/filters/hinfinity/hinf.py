@@ -168,7 +168,7 @@ class HinfFilter(GaussianFilter[B]):
 @register("hinf_kf")
 @dataclass(frozen=True)
 class HinfKF(HinfFilter[HinfBelief]):
-    """The linear H-infinity filter of the error dynamics at zero error; it runs closed loop, as ``kf`` does."""
+    """The linear H-infinity filter of the error dynamics at zero error, run closed loop."""
 
     feedback: ClassVar[str] = "closed"  #: feedback into the INS, unless a setting says otherwise
 

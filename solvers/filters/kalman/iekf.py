@@ -1,9 +1,9 @@
 """Iterated extended Kalman filter.
 
-Idea: Gauss-Newton steps to the maximum of the posterior, of which the extended Kalman filter takes the first. Each step takes
-the tangent of h again, at the newest estimate. If h is linear, as that of INS minus GPS, only the tangent of f can be taken
-again. ``smooth`` does so, at the estimate, given the fix, of the state before the last transition. Without ``smooth`` the
-filter is the textbook's, which for a linear h is the extended Kalman filter.
+Idea: Gauss-Newton steps to the maximum of the posterior. The extended Kalman filter takes only the first of them. Each step
+takes the tangent of h again, at the newest estimate. If h is linear, as that of INS minus GPS, only the tangent of f can be
+taken again. ``smooth`` does so, at the estimate, given the fix, of the state before the last transition. Without ``smooth``
+the filter is the textbook's, which for a linear h is the extended Kalman filter.
 
 Source: Bell & Cathey (1993), doi:10.1109/9.250476; the transition as in Kullberg, Skog & Hendeby (2024), arXiv:2404.15359;
 docs/mathematics/filters.md#extended-kalman-filters.

@@ -24,7 +24,7 @@ from solvers.filters.registry import register
 @register("kf")
 @dataclass(frozen=True)
 class KF(GaussianFilter):
-    """The linear Kalman filter of the error dynamics at zero error; it runs closed loop, which keeps the error near zero."""
+    """The linear Kalman filter of the error dynamics at zero error, run closed loop, which keeps the error near zero."""
 
     feedback: ClassVar[str] = "closed"  #: feedback into the INS, unless a setting says otherwise
 
