@@ -1,7 +1,9 @@
-"""The published tables again: each is run as a Monte Carlo and set beside what is printed. docs/tasks_and_scores.md#reproduction.
+"""Reproduction of the published tables: each is run as a Monte Carlo and set beside the printed figures.
 
-A table is data: a module of ``documents`` that makes :class:`~sins_env.evaluation.reproduction.tables.Table` objects, and
-a line in ``documents/__init__.py`` that lists them.
+The tables of the source documents come in, as data; the text of REPRODUCTION.md and its figures go out. A table is a
+:class:`~sins_env.evaluation.reproduction.tables.Table` made by a module of ``documents``, which lists it. Read ``tables``,
+``verdicts``, ``readings``; then one of ``documents``; then ``running``, ``queueing``; then ``showing``, ``pictures``,
+``claims``, ``paper``. See docs/tasks_and_scores.md#reproduction.
 """
 
 from __future__ import annotations
@@ -14,20 +16,20 @@ TABLES: dict[str, Table] = {table.number: table for table in documents.TABLES}
 
 
 def names() -> list[str]:
-    """The numbers of all tables, in the order of the documents."""
+    """Return the numbers of all tables, in the order of the documents."""
     return list(TABLES)
 
 
 def printed() -> list[str]:
-    """Those that the documents print; the others go on where they end, and are made only when they are asked for."""
+    """Return the numbers of the tables that the documents print. The others go further, and are made on demand only."""
     return [number for number, table in TABLES.items() if not table.beyond]
 
 
 def get_table(number: str) -> Table:
-    """A table by its number.
+    """Return a table by its number.
 
     Raises:
-        ValueError: an unknown one; the nearest is offered.
+        ValueError: an unknown number; the nearest is offered.
     """
     if number not in TABLES:
         raise unknown("table", number, TABLES)

@@ -1,4 +1,7 @@
-"""What the documents claim, in a line each, and which line of which table says whether it holds."""
+"""Claims of the documents, each in one line, with the line of a table that says whether it holds.
+
+See docs/mathematics/errata.md#claims.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,13 @@ from typing import NamedTuple
 
 
 class Claim(NamedTuple):
-    """A claim, and the table, the words of a group's title and the label of the line that it is held against."""
+    """A claim of a document, and the line of a table that tests it."""
 
     document: str
     text: str
-    table: str
-    group: str
-    line: str
+    table: str  #: number of the table
+    group: str  #: words in the title of the group
+    line: str  #: label of the line
 
 
 MATCHED, TOLD = "matched prior", "prior of the thesis"
@@ -20,7 +23,7 @@ PRINTED, WHERE = "as printed", "where fixes are contaminated"
 
 
 def _both(text: str, table: str, line: str) -> tuple[Claim, Claim]:
-    """A claim on the swaying base, under both priors."""
+    """Return a claim on the swaying base under both priors."""
     return tuple(Claim("000", f"{text}: {prior}", table, prior, line) for prior in (MATCHED, TOLD))  # type: ignore[return-value]
 
 

@@ -1,4 +1,4 @@
-"""REPRODUCTION.md: a short paper around the tables. Its words are a template's; every number is looked up in what was run."""
+"""REPRODUCTION.md, a short paper around the tables: a template has its words, and the runs have every number."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ VERDICTS = (REPRODUCED, IN_ORDER, OPEN, NOT)
 
 
 class Found(NamedTuple):
-    """A line of a table that was run; as text it is ours with its interval."""
+    """A line of a table that was run; its text is our value with its interval."""
 
     printed: str
     ours: Estimate
@@ -33,36 +33,39 @@ class Found(NamedTuple):
 
     @property
     def value(self) -> str:
+        """Our value."""
         return number(self.ours.value)
 
     @property
     def bound(self) -> str:
+        """The bound of the same figure."""
         return number(self.ours.bound)
 
     @property
     def holds(self) -> bool:
+        """Whether the printed figure is reproduced."""
         return self.verdict == REPRODUCED
 
 
 class Tally(NamedTuple):
-    """How many lines of a group have each verdict."""
+    """Numbers of the lines of a group with each verdict."""
 
     heading: str
     title: str
-    counts: tuple[int, ...]  #: of VERDICTS
+    counts: tuple[int, ...]  #: numbers of lines in the order of VERDICTS
 
 
 class Papers:
-    """What was run, as the template asks for it."""
+    """The tables that were run, in the form in which the template asks for them."""
 
     def __init__(self, made: Sequence[Made]) -> None:
         self._made = {one.table.number: one for one in made}
 
     def line(self, table: str, group: str, label: str) -> Found:
-        """A line of the one group of a table whose title has these words.
+        """Return a line of the one group of a table whose title has these words.
 
         Raises:
-            ValueError: no such table, group or line; or the group could not be run.
+            ValueError: no such table, group or line, or a group that could not be run.
         """
         if table not in self._made:
             raise unknown("table", table, self._made)
@@ -78,7 +81,10 @@ class Papers:
         return Found(printed.text if printed else "-", outcome.ours[i], outcome.verdicts[i])
 
     def ending(self, group: str, end: str) -> list[tuple[str, str]]:
-        """Table and label of the lines of 000 that end so in groups with these words that were run; repeated ones once."""
+        """Return table and label of the lines of 000 whose label ends so, in groups with these words that were run.
+
+        A line that several tables repeat counts once.
+        """
         found = {
             (line.task.name, line.solver, line.printed): (number, line.label)
             for number, made in reversed(self._made.items())
@@ -90,11 +96,12 @@ class Papers:
         return sorted(found.values())
 
     def ran(self, table: str, group: str, label: str = "") -> bool:
-        """Whether there is such a group with such a line, and it was run."""
+        """Return whether there is such a group with such a line, and it was run."""
         there = (one.group for one in self._made[table].outcomes if group in one.group.title and one.ours)
         return any(line.label.startswith(label) for group in there for line in group.shown)
 
     def tallies(self) -> list[Tally]:
+        """Return the numbers of verdicts of every group that has any."""
         return [
             Tally(made.table.heading, outcome.group.title, counts)
             for made in self._made.values()
@@ -103,12 +110,12 @@ class Papers:
         ]
 
     def sections(self) -> list[str]:
-        """The tables as Markdown."""
+        """Return the tables as Markdown."""
         return [markdown(made.table, made.outcomes) for made in self._made.values()]
 
 
 def _only(label: str, labels: Mapping[str, int], table: str) -> str:
-    """The label itself, or the only one that begins so."""
+    """Return the label itself, or the only one that begins so."""
     found = [label] if label in labels else [one for one in labels if one.startswith(label)]
     if len(found) != 1:
         raise unknown(f"line of table {table}", label, labels)
@@ -121,10 +128,10 @@ def _counts(outcome: Outcome) -> tuple[int, ...]:
 
 
 def paper(made: Sequence[Made], store: Store, quick: bool) -> str:
-    """The whole text; needs every printed table.
+    """Return the whole text. It needs every printed table.
 
     Raises:
-        ValueError: jinja2 is not installed; a line that the template asks for is not there.
+        ValueError: jinja2 is not installed, or a line that the template asks for does not exist.
     """
     papers = Papers(made)
     keys = store.keys()

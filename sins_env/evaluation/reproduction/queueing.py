@@ -1,4 +1,4 @@
-"""The runs of many evaluations in one queue: no process waits for the last runs of one of them to end."""
+"""One queue for the runs of many evaluations, so that no process waits for the last runs of one of them."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from sins_env.evaluation.store.store import Store
 
 
 def fill(store: Store, wanted: Sequence[Evaluation], workers: int | None = None) -> None:
-    """Make the runs that the file does not hold, with progress; each portion is stored as it ends.
+    """Make the runs that the file does not hold, and show progress; each portion is stored when it ends.
 
     Raises:
-        KeyboardInterrupt: says what is in the file.
+        KeyboardInterrupt: the user stopped it; the text says what is in the file.
     """
     todo = [(one, missing) for one in wanted if (missing := one.missing(store))]
     if not todo:

@@ -1,4 +1,4 @@
-"""Tables through the evaluation: runs are shared between lines, kept in a results file, and made once."""
+"""Running of tables: their lines share runs, which are made once and kept in a results file."""
 
 from __future__ import annotations
 
@@ -35,15 +35,18 @@ class Made(NamedTuple):
 def run_tables(
     tables: Sequence[Table], store: Store, runs: int | None = None, *, quick: bool = False, workers: int | None = None
 ) -> list[Made]:
-    """The outcomes of the groups of each table, and what its pictures show; what the file holds already is not run again.
+    """Run tables, and return the outcomes of their groups and the results behind their pictures.
 
     Args:
-        runs: of every group; None is each group's own number. A recording has its windows.
-        quick: the groups' small numbers, for a first look; what takes long is left out.
+        tables: the tables.
+        store: results file; the runs that it holds are not made again.
+        runs: number of runs of every group; None takes each group's own number. A recording has its windows.
+        quick: whether to take the groups' small numbers for a first look, and to leave out what takes long.
+        workers: number of processes.
 
     Raises:
-        ValueError: a task of an earlier version in the file, settings that do not fit.
-        KeyboardInterrupt: chunks that had ended are stored.
+        ValueError: a task of an earlier version in the file, or settings that do not fit.
+        KeyboardInterrupt: the user stopped it; chunks of runs that had ended are stored.
     """
     plans = [_Plan(table, runs, quick) for table in tables]
     wanted: dict[Key, Evaluation] = {}
@@ -60,7 +63,7 @@ def run_tables(
 
 
 class _Shelf:
-    """Results of a file, each read once: their summaries are kept with them."""
+    """The results of a file. Each is read once, and keeps its summary."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -74,7 +77,7 @@ class _Shelf:
 
 
 class _Plan:
-    """What a table needs."""
+    """The runs that a table needs."""
 
     def __init__(self, table: Table, runs: int | None, quick: bool) -> None:
         self.table = first_look(table) if quick else table
@@ -117,7 +120,7 @@ class _Plan:
         return [*bands, *(self._evaluation(one, 1) for one in picture.singles)]
 
     def _evaluation(self, source: Source, runs: int) -> Evaluation:
-        """Each worked out once: the version of a solver's code is a hash of all sources."""
+        """Return the evaluation of a source. It is kept, because the version of a solver's code is a hash of all sources."""
         name = source.name, min(runs, source.task.max_runs or runs)
         if name not in self._evaluations:
             self._evaluations[name] = Evaluation.of(*source, range(name[1]), None)
@@ -125,13 +128,16 @@ class _Plan:
 
 
 def first_look(table: Table) -> Table:
-    """The table without the lines and pictures that a quick look leaves out."""
+    """Return the table without the lines and pictures that a quick look leaves out."""
     groups = (replace(group, lines=tuple(line for line in group.lines if line.quick)) for group in table.groups)
     return replace(table, groups=tuple(groups), pictures=tuple(p for p in table.pictures if p.quick))
 
 
 def _missing(group: Group, quick: bool) -> str:
-    """Why a group is not run: the recording is not there. Solvers and settings that do not fit are errors."""
+    """Return why a group is not run, such as a missing recording; empty if it is.
+
+    Solvers and settings that do not fit are errors.
+    """
     if quick and not group.quick:
         return "left out of a quick look (--quick)."
     for task, solver, settings in group.sources:

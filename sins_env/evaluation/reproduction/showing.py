@@ -1,4 +1,4 @@
-"""Reproduced tables in the terminal and as Markdown: printed, ours with its 95 % interval, the bound, verdict."""
+"""Reproduced tables in the terminal and as Markdown: the printed figure, ours with its 95 % interval, bound, verdict."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from sins_env.evaluation.show.numbers import number
 from sins_env.evaluation.show.style import titled
 
 _STYLES = {REPRODUCED: "green", IN_ORDER: "yellow", OPEN: "yellow", NOT: "red"}
-NEAR_ONE = 0.1  #: where a quotient is told from one by its third decimal
+NEAR_ONE = 0.1  #: distance from one within which a quotient is shown with three decimals
 _HEADS = ("printed", "ours [95 %]", "bound", "verdict")
 
 
 def estimate_text(ours: Estimate) -> str:
-    """A value with its interval, and how many runs were lost."""
+    """Write a value with its interval, and the number of lost runs."""
     lost = f", {ours.lost} lost" if ours.lost else ""
     numbers = ours.value, ours.low, ours.high
     near = abs(ours.value - 1.0) < NEAR_ONE and math.isfinite(sum(numbers))
@@ -32,20 +32,20 @@ def estimate_text(ours: Estimate) -> str:
 
 
 def _cells(outcome: Outcome) -> Iterator[tuple[str, str, str, str, str]]:
-    """Label, printed, ours, bound and verdict of each line."""
+    """Yield label, printed figure, ours, bound and verdict of each line."""
     for line, ours, verdict in zip(outcome.group.shown, outcome.ours, outcome.verdicts, strict=True):
         yield line.label, line.printed.text if line.printed else "-", estimate_text(ours), number(ours.bound), verdict
 
 
 def _columns(outcome: Outcome) -> list[int]:
-    """Of the cells: the bound only where there is one."""
+    """Return which cells are shown; the bound is left out if no line has one."""
     bounded = any(not math.isnan(ours.bound) for ours in outcome.ours)
     return [i for i in range(5) if bounded or i != 3]
 
 
 def _heading(outcome: Outcome) -> str:
-    """The group's conditions, its unit and how many runs stand behind it."""
-    counts = {ours.runs + ours.lost for ours in outcome.ours} - {0}  # a cost is of no runs
+    """Return the group's conditions, its unit and its number of runs."""
+    counts = {ours.runs + ours.lost for ours in outcome.ours} - {0}  # a cost has no runs
     runs = f"; {'/'.join(map(str, sorted(counts)))} runs" if counts else ""
     return f"{outcome.group.title} ({outcome.group.unit}{runs})"
 
@@ -58,7 +58,7 @@ def _notes(outcome: Outcome) -> list[str]:
 
 
 def terminal(table: Table, outcomes: Sequence[Outcome]) -> RenderableType:
-    """For a rich console."""
+    """Return a table for a rich console."""
     parts: list[RenderableType] = [
         Text.assemble((table.heading, "bold"), f"  {table.title}"),
         Text(table.what, style="dim"),
@@ -85,7 +85,7 @@ def _rich(outcome: Outcome) -> RichTable:
 
 
 def markdown(table: Table, outcomes: Sequence[Outcome]) -> str:
-    """A section of REPRODUCTION.md."""
+    """Return a table as a section of REPRODUCTION.md."""
     lines = [f"### {table.heading}: {table.title}", "", table.what, ""]
     for picture in table.pictures:
         lines += [f"![{picture.caption}](figures/{picture.name}.svg)", "", f"*{picture.caption}*", ""]

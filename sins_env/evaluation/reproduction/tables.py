@@ -1,4 +1,4 @@
-"""What a published table is here: lines, each of runs of a solver and what is read off them, beside what is printed."""
+"""The form of a published table: lines with the runs of a solver, a figure read off these runs, and the printed one."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ class Source(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What tells it from others."""
+        """A text that tells these runs from others."""
         return json.dumps([self.task.name, self.solver, dict(self.settings)], sort_keys=True)
 
 
 @dataclass(frozen=True)
 class Line:
-    """One line. Lines of the same task, solver and settings share their runs."""
+    """A line of a table. Lines with the same task, solver and settings share their runs."""
 
     label: str
     task: EvaluationTask
     solver: str
-    read: Callable[..., Estimate]  #: what the line shows, in the unit of the group, of the results of its runs
+    read: Callable[..., Estimate]  #: function from the results of the runs to the figure, in the unit of the group
     settings: Mapping[str, Any] = field(default_factory=dict)
-    printed: Print | None = None  #: None: not in the source
-    against: Source | None = None  #: ``read`` then gets the results of the same runs of these besides
-    timed: bool = False  #: ``read`` needs what a step costs
-    quick: bool = True  #: in a first look, if its group is
+    printed: Print | None = None  #: printed figure; None if the source has none
+    against: Source | None = None  #: other runs whose results ``read`` gets as well
+    timed: bool = False  #: whether ``read`` needs the cost of a step
+    quick: bool = True  #: whether a first look shows the line, if it shows its group
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Those whose results ``read`` gets."""
+        """The runs whose results ``read`` gets."""
         own = Source(self.task, self.solver, self.settings)
         return (own,) if self.against is None else (own, self.against)
 
@@ -64,56 +64,57 @@ class Group:
     unit: str
     lines: tuple[Line, ...] = ()
     runs: int = 100
-    quick: int = 20  #: runs for a first look; 0: not in it
-    why: str = ""  #: what to know of lines that come out otherwise than printed
-    claims: tuple[Claim, ...] = ()  #: in the place of lines: of a system that is no environment
-    compute: Callable[[int], Sequence[Estimate]] | None = (
-        None  #: the estimates of ``claims`` from so many runs, in seconds
-    )
+    quick: int = 20  #: number of runs in a first look; 0 leaves the group out
+    why: str = ""  #: explanation of lines that differ from the print
+    claims: tuple[Claim, ...] = ()  #: lines of a system that is no environment, instead of ``lines``
+    #: Function from a number of runs to the estimates of ``claims``. It takes seconds.
+    compute: Callable[[int], Sequence[Estimate]] | None = None
 
     @property
     def shown(self) -> tuple[Line | Claim, ...]:
+        """The lines, or the claims in their place."""
         return self.lines or self.claims
 
     @property
     def sources(self) -> list[Source]:
-        """Those of all lines, each once."""
+        """The runs of all lines, each once."""
         return list({source.name: source for line in self.lines for source in line.sources}.values())
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of a table, drawn of results: those of ``sources``, then of the first run of each of ``singles``."""
+    """A figure of a table, drawn from the results of ``sources`` and then of ``singles``."""
 
-    name: str  #: of the file
+    name: str  #: name of the file
     caption: str
     draw: Callable[[Sequence[Results]], Figure]
     sources: tuple[Source, ...] = ()
-    singles: tuple[Source, ...] = ()
-    runs: int = 40  #: of each of ``sources``
-    quick: int = 5  #: 0: not in a first look
+    singles: tuple[Source, ...] = ()  #: runs whose first one alone is drawn
+    runs: int = 40  #: number of runs of each of ``sources``
+    quick: int = 5  #: number of runs in a first look; 0 leaves the figure out
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table of a document, by its number there."""
+    """A table of a document."""
 
-    number: str
+    number: str  #: number in the document
     title: str
-    source: str
-    what: str  #: what is run and what is read off, in a sentence or two
+    source: str  #: document
+    what: str  #: description of the runs and of the figures read off them, in a sentence or two
     groups: tuple[Group, ...]
-    name: str = ""  #: such as "figures 2.3 to 2.5"; empty: "table" and its number
-    beyond: bool = False  #: not printed: made only when it is asked for
+    name: str = ""  #: name such as "figures 2.3 to 2.5"; empty for "table" and its number
+    beyond: bool = False  #: whether the document does not print it, so that it is made on demand only
     pictures: tuple[Picture, ...] = ()
 
     @property
     def heading(self) -> str:
+        """Document and name of the table."""
         return f"{self.source}, {self.name or f'table {self.number}'}"
 
 
 class Outcome(NamedTuple):
-    """A group that was run; or the reason why it could not be."""
+    """A group that was run, or the reason why it was not."""
 
     group: Group
     ours: tuple[Estimate, ...]

@@ -1,7 +1,8 @@
-"""A printed figure beside ours: does it lie where so few records may have put it, and if not, is at least the order right?
+"""Verdicts on printed figures: does one lie where its few records may have put it, and if not, is at least the order right?
 
-A printed RMS rests on a handful of records, so it is itself a draw. It is reproduced if it differs from ours by no more than
-the two draws explain (:func:`band`). Errors with heavier tails than normal ones spread more than that.
+A printed RMS rests on a handful of records, so that it is itself a draw. It is reproduced if it differs from ours by no
+more than the two draws explain (:func:`band`). Errors with heavier tails than Gaussian ones spread more than that.
+See docs/tasks_and_scores.md#reproduction.
 """
 
 from __future__ import annotations
@@ -19,43 +20,45 @@ from sins_env.evaluation.score.resampling import TAILS, bca, resampled, units_of
 from sins_env.evaluation.show.numbers import number
 
 REPRODUCED, IN_ORDER, NOT, OPEN = "reproduced", "in order only", "not reproduced", "not told apart"
-LUCK = 0.05  #: a single run may be as close to zero as so few of ours; one that is closer is called luck
+LUCK = 0.05  #: share of our runs that are closer to zero than a printed single run may be; a closer one was lucky
 
 
 class Estimate(NamedTuple):
-    """Ours: a value with its 95 % interval, over so many runs; lost runs are counted, not hidden."""
+    """Our value with its 95 % interval."""
 
     value: float
     low: float
     high: float
-    runs: int
-    lost: int = 0
-    bound: float = math.nan  #: the Cramer-Rao bound of the same figure; NaN where there is none
+    runs: int  #: number of runs behind it
+    lost: int = 0  #: number of runs without a result, besides
+    bound: float = math.nan  #: Cramer-Rao bound of the same figure; NaN if there is none
 
 
 NOTHING = Estimate(math.nan, math.nan, math.nan, 0)
 
 
 class Printed(NamedTuple):
-    """An RMS as printed; of one record it is the size of its error."""
+    """A printed RMS; for a single record it is the size of its error."""
 
     value: float
-    records: int
-    about_mean: bool = False
-    kind: str = ""  #: only those of one kind are put in order
+    records: int  #: number of records behind it
+    about_mean: bool = False  #: whether it is taken about the mean of the records
+    kind: str = ""  #: only figures of one kind are put in order
 
     @property
     def dof(self) -> int:
+        """Degrees of freedom of its square."""
         return max(self.records - self.about_mean, 1)
 
     @property
     def text(self) -> str:
+        """The figure in words."""
         return number(self.value)
 
 
 @dataclass(frozen=True)
 class PrintedMean:
-    """A mean over so many records as printed, with their standard deviation."""
+    """A printed mean over records, with their standard deviation."""
 
     value: float
     std: float
@@ -63,10 +66,11 @@ class PrintedMean:
 
     @property
     def text(self) -> str:
+        """The figure in words."""
         return number(self.value)
 
     def verdict(self, ours: Estimate) -> str:
-        """Whether the two means differ by no more than their errors, 95 %."""
+        """Return "reproduced" if the two means differ by no more than their errors at 95 %."""
         half = special.stdtrit(self.records - 1, TAILS[1]) * self.std / math.sqrt(self.records)
         least = math.hypot(ours.value - ours.low, half)
         most = math.hypot(ours.high - ours.value, half)
@@ -75,16 +79,20 @@ class PrintedMean:
 
 @dataclass(frozen=True)
 class PrintedRatio:
-    """A quotient of two printed figures; how sure the print is of it is not known."""
+    """A quotient of two printed figures, whose uncertainty is unknown."""
 
     value: float
 
     @property
     def text(self) -> str:
+        """The figure in words."""
         return number(self.value)
 
     def verdict(self, ours: Estimate) -> str:
-        """Reproduced if it lies in our interval; in order if both lie on the same side of one; open if ours may be both."""
+        """Return "reproduced" if it lies in our interval, or "not told apart" if this interval includes one.
+
+        Outside our interval it is "in order only" if that and the print lie on the same side of one.
+        """
         same = ours.low <= 1.0 <= ours.high
         if ours.low <= self.value <= ours.high:
             return OPEN if same else REPRODUCED
@@ -93,13 +101,14 @@ class PrintedRatio:
 
 @dataclass(frozen=True)
 class Said:
-    """What the text says without a number: that ours lies between these; on one of them it does not."""
+    """A statement of the text without a number, which says that our value lies between two limits, themselves excluded."""
 
     text: str
     low: float = -math.inf
     high: float = math.inf
 
     def verdict(self, ours: Estimate) -> str:
+        """Return "reproduced" if our interval lies within the limits, and "not told apart" if it crosses one."""
         above = self.low == -math.inf or ours.low > self.low
         below = self.high == math.inf or ours.high < self.high
         if above and below:
@@ -112,9 +121,9 @@ Print = Printed | PrintedMean | PrintedRatio | Said
 
 
 def root_mean_square(errors: Array, about_mean: bool = False, bound: float = math.nan) -> Estimate:
-    """RMS of errors (R,), about zero, or about their mean with R - 1; NaN marks the runs that are lost.
+    """Compute the RMS of errors (R,), about zero, or about their mean with R - 1; NaN marks lost runs.
 
-    BCa over runs; NaN for fewer than two.
+    The interval is BCa over runs. It is NaN for fewer than two runs.
     """
     known = errors[np.isfinite(errors)]
     runs, lost = len(known), int(len(errors) - len(known))
@@ -134,7 +143,7 @@ def root_mean_square(errors: Array, about_mean: bool = False, bound: float = mat
 
 
 def mean(values: Array) -> Estimate:
-    """Mean of values (R,) with Student's interval; NaN marks the runs that are lost."""
+    """Compute the mean of values (R,) with Student's interval; NaN marks lost runs."""
     known = values[np.isfinite(values)]
     runs, lost = len(known), int(len(values) - len(known))
     if runs < 2:
@@ -145,10 +154,11 @@ def mean(values: Array) -> Estimate:
 
 
 def band(printed: Printed, ours: Estimate) -> tuple[float, float]:
-    """Between which figures a print of so many records differs from ours by chance alone, 95 %; of one record, 92.5 %.
+    """Return the limits within which a print with so few records differs from ours by chance alone.
 
-    Both errors are independent, so their distances on a scale of logarithms add as squares (Zou and Donner 2008, "MOVER",
-    doi 10.1002/sim.3095); an RMS of normal errors is s sqrt(chi^2 / dof).
+    They hold 95 % of such prints, or 92.5 % of prints of one record. Both errors are independent, so that their distances
+    on a logarithmic scale add in squares (Zou and Donner 2008, "MOVER", doi 10.1002/sim.3095). An RMS of Gaussian errors is
+    s sqrt(chi^2 / dof).
     """
     below_mean, above_mean = (LUCK if printed.records == 1 else TAILS[0]), TAILS[1]
     low, high = 0.5 * np.log(special.chdtri(printed.dof, 1.0 - np.array([below_mean, above_mean])) / printed.dof)
@@ -159,21 +169,21 @@ def band(printed: Printed, ours: Estimate) -> tuple[float, float]:
 
 
 def fits(printed: Printed, ours: Estimate) -> bool:
-    """Whether the print lies in the band around ours."""
+    """Return whether the print lies in the band around ours."""
     low, high = band(printed, ours)
     return low <= abs(printed.value) <= high
 
 
 def larger(a: Printed, b: Printed) -> bool:
-    """Whether the print a is significantly larger than b, by the F test; two-sided at 95 %."""
+    """Return whether the print ``a`` is significantly larger than ``b`` in the two-sided F test at 95 %."""
     return abs(a.value) > abs(b.value) * math.sqrt(special.fdtri(a.dof, b.dof, TAILS[1]))
 
 
 def verdicts(printed: Sequence[Print | None], ours: Sequence[Estimate]) -> list[str]:
-    """A verdict on each line of a group; empty where nothing is printed.
+    """Return a verdict on each line of a group; empty for a line without a printed figure.
 
-    Of an RMS "in order only": what the print tells apart significantly and our intervals, too, stands in the same order, and
-    there is such a pair.
+    An RMS is "in order only" if some lines differ from it significantly in the print and by our intervals, and all of
+    these stand in the same order.
     """
     return [_verdict(i, printed, ours) for i in range(len(ours))]
 

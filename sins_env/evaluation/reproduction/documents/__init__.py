@@ -1,4 +1,8 @@
-"""The published tables as data, one module a table or a family of them, in the order of the documents."""
+"""The published tables as data, in the order of the documents; a module holds a table or a family of tables.
+
+The printed figures come in; ``TABLES`` goes out, with the runs and readings that stand beside each figure. Each module can
+be read by itself; ``sun2012`` is the shortest.
+"""
 
 from __future__ import annotations
 

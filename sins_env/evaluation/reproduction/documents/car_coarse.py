@@ -1,4 +1,4 @@
-"""Tables 6.1 to 6.3 of 000: the heading of a parked car after 90 s of coarse alignment, ten records in each of three headings."""
+"""Tables 6.1 to 6.3 of 000: heading of a parked car after 90 s of coarse alignment, ten records in each of three headings."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from sins_env.evaluation.reproduction.verdicts import Printed
 from sins_env.evaluation.tasks.suite.standing_base import VEHICLE_HEADINGS_DEG, VEHICLE_SCENES
 from sins_env.evaluation.tasks.task import EvaluationTask
 
-RECORDS = 10  #: behind each printed figure
+RECORDS = 10  #: number of records behind each printed figure
 COARSE_S = 90.0
-_LAST = 0.1  #: the epoch that is read belongs to the fine phase, in which these estimators go on
+_LAST = 0.1  #: length of the fine phase, whose epoch is read; these estimators go on through it
 
 
 def _task(name: str, what: str, env_id: str, kwargs: dict[str, Any], **more: Any) -> EvaluationTask:
@@ -21,7 +21,7 @@ def _task(name: str, what: str, env_id: str, kwargs: dict[str, Any], **more: Any
 
 
 def _car(number: str, first: int) -> EvaluationTask:
-    """The ten records of ``vehicle-v0`` from the first on."""
+    """Return the task with ten records of ``vehicle-v0``, from the record ``first`` on."""
     ten = slice(first, first + RECORDS)
     headings, scenes = VEHICLE_HEADINGS_DEG[ten], VEHICLE_SCENES[ten]
     what = f"simulated parked car, {said(ten)}, {COARSE_S:g} s"
@@ -30,7 +30,7 @@ def _car(number: str, first: int) -> EvaluationTask:
 
 
 def said(part: slice) -> str:
-    """What the records of one position of ``vehicle-v0`` are."""
+    """Describe the records of one position of ``vehicle-v0`` in words."""
     scenes = VEHICLE_SCENES[part]
     counts = " and ".join(f"{scenes.count(name)} records of {name}" for name in dict.fromkeys(scenes))
     return f"{counts}, heading {VEHICLE_HEADINGS_DEG[part][0]:g} deg"
@@ -46,7 +46,7 @@ RECORDING = _task(
 
 
 def _lines(task: EvaluationTask, inertial: float, *analytic: float) -> tuple[Line, ...]:
-    """The inertial method as the thesis has it, the analytic ones, and what came later."""
+    """Return lines of the thesis' inertial method, of the analytic ones, and of methods that came later."""
 
     def line(label: str, solver: str, printed: float | None = None, **settings: Any) -> Line:
         figure = None if printed is None else Printed(printed, RECORDS, about_mean=True)

@@ -1,4 +1,4 @@
-"""Tables 6.4 to 6.8 of 000: fine alignment of a parked car, ten records in each of three headings; and the whole zoo on it."""
+"""Tables 6.4 to 6.8 of 000: fine alignment of a parked car, ten records in each of three headings, and the whole zoo on it."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from sins_env.evaluation.reproduction.verdicts import Printed
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask
 
-RUNS, QUICK = 120, 12  #: of all three positions
-LAST_POINTS = 20  #: whose mean is the result of the mixed filter; at 1 Hz here
-AS_THESIS = {"coarse": "svd"}  #: what precedes the filters
+RUNS, QUICK = 120, 12  #: numbers of runs of all three positions together
+LAST_POINTS = 20  #: points whose mean is the result of the mixed filter; here they are 1 s apart
+AS_THESIS = {"coarse": "svd"}  #: the coarse method before the filters
 
-Part = Callable[[Reader], Reader]  #: makes a reader of all runs one of some of them
+Part = Callable[[Reader], Reader]  #: function that turns a reader of all runs into one of some of them
 
-#: Label, solver, points of the result's mean.
+#: Label, solver, and number of points whose mean is the result.
 FILTERS = (
     ("UKF", "ukf", 0),
     ("ASMUGSF", "asmugsf", 0),
     ("UKF/H-infinity UKF", "mixed_hinf_ukf", LAST_POINTS),
     ("CGPF", "cgpf", 0),
 )
-#: RMS of each filter in each position.
+#: Printed RMS, deg, of each filter (column) in each position (row).
 PITCH = (
     (0.0058566843, 0.0059092767, 0.0055123054, 0.0058865073),
     (0.0479673846, 0.0479333266, 0.0479105728, 0.0479141924),
@@ -78,7 +78,7 @@ def _azimuth_lines(task: EvaluationTask, printed: tuple[float, ...], of: Part) -
 
 
 def _position(position: int) -> tuple[str, Part]:
-    """In words, and what reads its records alone."""
+    """Return the description of a position, and what makes a reader of its records alone."""
     ten = slice(RECORDS * (position - 1), RECORDS * position)
     return said(ten), partial(of_records, ten)
 
@@ -154,7 +154,7 @@ def _level_table(number: str, name: str, printed: tuple[tuple[float, ...], ...])
     )
 
 
-#: Every filter that aligns, without the adapters of filterpy, whose mathematics are those of kf, ekf and ukf.
+#: Every filter that aligns, without the adapters of filterpy, whose mathematics is that of kf, ekf and ukf.
 # fmt: off
 ZOO = (
     "kf", "ekf", "iekf", "inekf", "gm_ekf", "ukf", "ckf", "ckf5", "ddf1", "ddf2", "aukf", "aukf_fading", "aukf_window",
@@ -165,7 +165,7 @@ ZOO = (
 PARTICLES = ("cgpf", "ugpf", "gpf", "rqmc_gpf", "upf", "hepf", "pf")
 
 
-#: No filter: the coarse phase goes on to the end.
+#: Solvers without a filter, whose coarse phase goes on to the end.
 COARSE: dict[str, dict[str, Any]] = {"coarse_inertial": {"method": "svd"}, "coarse_oba": {}}
 
 

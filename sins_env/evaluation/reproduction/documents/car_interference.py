@@ -1,7 +1,7 @@
-"""What one disturbance does to the heading of a parked car, before and after a filter has converged. 000 section 6.2.
+"""The effect of one disturbance on the heading of a parked car, before and after a filter has converged. 000 section 6.2.
 
-The thesis sorts its thirty records by when they were disturbed and reads figures 6.3 to 6.40 by eye; it prints no numbers.
-Here each record has a twin: the same car with the same sensors, undisturbed, run for run.
+The thesis sorts its thirty records by the time of the disturbance and reads figures 6.3 to 6.40 by eye. It prints no
+numbers. Here each run has an undisturbed twin, with the same car and the same sensors.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ BEFORE_S, AFTER_S = 120.0, 230.0  #: 30 s and 140 s into the fine phase
 HEADING_DEG = -26.3
 BACK_DEG = 0.01
 RUNS, QUICK = 20, 6
-#: The thesis' four, and one that bounds outliers.
+#: The four filters of the thesis, and one that bounds outliers.
 SOLVERS = ("ukf", "asmugsf", "mixed_hinf_ukf", "cgpf", "huber_ckf")
 KINDS = {"door": "a door slammed", "in": "a person in", "out": "a person out", "rock": "rocking by hand"}
 _NAME = "car-interference"
@@ -27,7 +27,7 @@ WHEN = {"before": (BEFORE_S,), "after": (AFTER_S,), "both": (BEFORE_S, AFTER_S)}
 
 
 def task(kind: str, when: str) -> EvaluationTask:
-    """A kind of disturbance before or after convergence; "both" is a person in, and out again."""
+    """Return the task with a kind of disturbance before or after convergence; "both" is a person in, and out again."""
     kinds = ("in", "out") if when == "both" else (kind,)
     events: list[dict[str, Any]] = [{"t": t, "kind": one} for t, one in zip(WHEN[when], kinds, strict=True)]
     return _car(f"{kind}-{when}", f"{' and '.join(KINDS[one] for one in kinds)}, {when} convergence", events)

@@ -1,6 +1,6 @@
 """Experiments of 003: high-degree and robust cubature filters in INS/GPS navigation, Gaussian and contaminated fixes.
 
-The numbers of its tables 2 to 4 and all its equations are lost in the text that we have; what the text says is not.
+The text that we have lacks the numbers of tables 2 to 4 and all equations. Its statements are left.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ RUNS, QUICK = 40, 3
 GAUSS, MIXTURE = get_task("flight-lu-gauss-v0"), get_task("flight-lu-mixture-v0")
 ALPHA = {"alpha": 1.345}
 SIGMAS = (6.0, 4.0, 3.0)  #: kernel widths of experiment 2
-SWEEP = (1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)
-BEST = 2.5
+SWEEP = (1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)  #: kernel widths of figure 6
+BEST = 2.5  #: the width that is said to be the best
 
 SMALLER, LARGER = Said("smaller", high=1.0), Said("larger", low=1.0)
 
@@ -44,7 +44,7 @@ HUBER = (
 
 
 def _quick(*filters: tuple[str, dict[str, Any]]) -> bool:
-    """Whether a line of these is in a first look: one width, and no filter that is not in 003 but gm_ekf."""
+    """Return whether a first look shows a line of these filters: one kernel width, and no Student-t filter."""
     return all(solver != "student_t_ckf" and given.get("sigma", SIGMAS[-1]) == SIGMAS[-1] for solver, given in filters)
 
 
@@ -198,7 +198,7 @@ _SIGMA = Table(
 
 
 def _costs(read: Reader, timed: bool) -> tuple[Line, ...]:
-    """Of each filter, relative to HCKF."""
+    """Return the lines of the cost of each filter, relative to HCKF."""
     said: tuple[tuple[str, tuple[str, dict[str, Any]], Said | None], ...] = (
         ("H-HCKF", H_HCKF, LARGER),
         *((f"MCC-HCKF, sigma {sigma:g}", _mcc(sigma), LARGER) for sigma in SIGMAS),

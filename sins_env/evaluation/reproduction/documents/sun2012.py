@@ -12,9 +12,9 @@ from sins_env.evaluation.score.quantities import QUANTITIES
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask
 
-RUNS, QUICK = 400, 20  #: fewer do not tell the headings apart
+RUNS, QUICK = 400, 20  #: numbers of runs; fewer do not tell the headings apart
 
-#: Average RMSE of EKF and CKF, in the unit of the quantity.
+#: Printed average RMSE of EKF and CKF, in the unit of the quantity.
 PRINTED = {
     "pitch": (2.376, 2.312),
     "roll": (1.684, 1.619),
@@ -47,6 +47,8 @@ QUOTIENTS = (
 
 
 class Flight(NamedTuple):
+    """A flight of the table, with its numbers of runs."""
+
     task: EvaluationTask
     words: str
     printed: bool = True

@@ -20,10 +20,10 @@ from sins_env.units import ARCSEC, DEG
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-RECORDS = 50
+RECORDS = 50  #: number of records in the thesis
 RUNS, QUICK = 200, 40
-COARSE_S = 180.0  #: the first of two vectors is taken at 50/180 of it, which is the method's default
-_LAST = 0.1  #: the epoch that is read belongs to the fine phase, in which these estimators go on
+COARSE_S = 180.0  #: length of the coarse phase; the default method takes the first of its two vectors at 50/180 of it
+_LAST = 0.1  #: length of the fine phase, whose epoch is read; these estimators go on through it
 ARCMIN = 60 * ARCSEC
 
 TASK = EvaluationTask(
@@ -38,7 +38,7 @@ TASK = EvaluationTask(
 
 
 class Sample(NamedTuple):
-    """A component of the error over the records as printed."""
+    """The printed mean and standard deviation of an error component over the records."""
 
     unit: float
     unit_name: str
@@ -52,7 +52,7 @@ PRINTED = (
     Sample(DEG, "deg", -0.1545257, 0.5575518),
 )
 TWO_VECTORS: dict[str, Any] = {"method": "two_vector"}
-#: What came later.
+#: Methods that came later.
 LATER: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("SVD", "coarse_inertial", {"method": "svd"}),
     ("OBA, aided", "coarse_oba", {}),
@@ -64,7 +64,7 @@ def _line(label: str, read: Any, printed: Print | None = None) -> Line:
 
 
 def _lines(i: int, *more: Line) -> tuple[Line, ...]:
-    """Of a component mean and standard deviation from two vectors; the latter, too, of what came later."""
+    """Return the lines of a component: mean and standard deviation from two vectors, and the latter of later methods."""
     unit, _, mean, std = PRINTED[i]
     spread = spread_of_error(i, unit, COARSE_S)
     return (
@@ -76,7 +76,7 @@ def _lines(i: int, *more: Line) -> tuple[Line, ...]:
 
 
 def _draw(results: Sequence[Results]) -> Figure:
-    """A point a run, as many as the thesis has; mean and standard deviation of all of ours, and of its records."""
+    """Draw one point per run, as many as the thesis has, with mean and standard deviation of all our runs and of its own."""
     figure = new_figure(12.0, 3.6)
     for i, (axes, sample) in enumerate(zip(figure.subplots(1, len(AXES)), PRINTED, strict=True)):
         errors = errors_at(results[0], COARSE_S)[:, i] / sample.unit

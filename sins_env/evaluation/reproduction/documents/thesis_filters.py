@@ -1,9 +1,8 @@
 """Fine alignment on the swaying base, 000 chapters 3 to 5: figures 3.3 to 3.5, tables 3.1 to 3.4, 4.1 to 4.4 and 5.1 to 5.4.
 
-Every table is run under two priors: the matched one, in which the filters are told the noise that there is, and that of the
-thesis' section 2.5.4 in the only reading under which its story can be seen
-(docs/mathematics/simulation.md#told-priors, reading C). A filter that is printed in
-several tables has its runs once. The spans of the tables differ; errors are causal, so a shorter one is read off a longer run.
+Every table is run under two priors. The matched prior states the true noise. That of section 2.5.4 is taken in reading C,
+the only one under which the printed comparison can be seen (docs/mathematics/simulation.md#told-priors). Tables share the
+runs of a filter. Their spans differ, and a shorter one is read off a longer run, because errors depend on the past only.
 """
 
 from __future__ import annotations
@@ -31,29 +30,30 @@ from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.units import ARCSEC
 
 RUNS, QUICK = 40, 5
-QUICK_PARTICLES = 2  #: of tables with particle filters, which cost a hundred times as much
-SLOW = {"rqmc_gpf", "cgpf", "aukf_fading"}  #: not in a first look: like gpf, the same as ckf, not printed
+QUICK_PARTICLES = 2  #: runs in a first look at particle filters, which cost a hundred times as much
+#: Filters that a first look leaves out. The first is like gpf, the second the same as ckf, and the third is not printed.
+SLOW = {"rqmc_gpf", "cgpf", "aukf_fading"}
 AXES = ("east", "north", "azimuth")
 LEVELS, AZIMUTH = (0, 1), 2
 WHITE, MARKOV = "white noise", "Gauss-Markov noise"
 MATCHED, THESIS = "matched prior", "prior of the thesis"
 BASES = {WHITE: get_task("sway-white-v0"), MARKOV: get_task("sway-markov-v0")}
-START_DEG = [1.0, 1.0, 10.0]  #: of the single runs
-#: Converged, arcsec: between the printed ends of what the text calls converged (up to 98 and 344) and of what it does not
-#: (azimuth from 1368).
+START_DEG = [1.0, 1.0, 10.0]  #: misalignment of the single runs in the order E, N, U
+#: Limits of a converged error, arcsec. The text calls printed ends of up to 98 and 344 converged, and not those from 1368
+#: in azimuth.
 WITHIN = {LEVELS: 100.0, AZIMUTH: 1000.0}
-SHORTER_S = 360.0  #: what is printed of the costliest filter
-MANY = 10_000  #: particles of a single run
+SHORTER_S = 360.0  #: printed length of the runs of the costliest filter
+MANY = 10_000  #: particles in a single run
 
 
 def _variant(task: EvaluationTask, suffix: str, what: str, **kwargs: Any) -> EvaluationTask:
-    """A task of the same worlds, run by run, but for these settings."""
+    """Return a task with the same worlds, run by run, but for these settings."""
     name = f"{task.name.removesuffix('-v0')}-{suffix}-v0"
     return replace(task, name=name, what=what, kwargs={**task.kwargs, **kwargs}, seeds_of=task.seeds_of or task.name)
 
 
 def task_of(noise: str, prior: str, solver: str = "") -> EvaluationTask:
-    """Where a solver runs."""
+    """Return the task on which a solver runs."""
     task = BASES[noise]
     if noise == MARKOV and solver == "rqmc_gpf":
         what = task.what.replace("600 s", f"{SHORTER_S:g} s")
@@ -65,39 +65,41 @@ def task_of(noise: str, prior: str, solver: str = "") -> EvaluationTask:
 
 
 def _single(task: EvaluationTask) -> EvaluationTask:
-    """The start of the thesis."""
+    """Return the task with the thesis' start."""
     what = task.what.replace("wrong by 1/1/15 deg (1 sigma)", "wrong by 1, 1 and 10 deg")
     return _variant(task, "single", what, misalignment_deg=START_DEG)
 
 
 @dataclass(frozen=True)
 class Column:
-    """A filter as a table prints it."""
+    """The column of a filter in a printed table."""
 
     label: str
     solver: str
-    printed: tuple[float, float, float] | None = None  #: E, N, azimuth at the end, arcsec
-    settled_s: float | None = None  #: when its azimuth is said to have converged; inf: not until the end
-    mean_s: float = 0.0  #: over so many seconds up to the end the azimuth is a mean
-    std: float | None = None  #: printed beside it
+    printed: tuple[float, float, float] | None = None  #: errors E, N and azimuth at the end, arcsec
+    settled_s: float | None = None  #: time at which the text has its azimuth converged; inf for not until the end
+    mean_s: float = 0.0  #: span up to the end over which the printed azimuth is a mean; 0 for the value at the end
+    std: float | None = None  #: standard deviation printed beside this mean
     settings: Mapping[str, Any] = field(default_factory=dict)
     single: Mapping[str, Any] = field(default_factory=dict)  #: other settings of the single run
 
     @property
     def at_end(self) -> tuple[float, float, float]:
-        """``printed`` of a filter that has it."""
+        """Printed errors of a filter that has them."""
         assert self.printed
         return self.printed
 
     def source(self, noise: str, prior: str) -> Source:
+        """Return the runs of the filter."""
         return Source(task_of(noise, prior, self.solver), self.solver, self.settings)
 
     def single_source(self, noise: str, prior: str) -> Source:
+        """Return the single run from the thesis' start."""
         return Source(_single(task_of(noise, prior, self.solver)), self.solver, {**self.settings, **self.single})
 
 
 class Saying(NamedTuple):
-    """What the text says of one filter against another, by label; of the quotient of their RMS at the end."""
+    """A statement of the text on the quotient of the RMS of two filters, by label, at the end."""
 
     one: str
     other: str
@@ -111,33 +113,35 @@ ALIKE = Said("alike, 0.8 to 1.25", 0.8, 1.25)
 
 @dataclass(frozen=True)
 class Printing:
-    """A table as printed: its columns, the first of which the others are measured against, and what the text says."""
+    """A printed table: its columns, of which the first is the standard of the others, and the statements of the text."""
 
     number: str
     noise: str
     end_s: float
     columns: tuple[Column, ...]
     sayings: tuple[Saying, ...]
-    why: tuple[str, str]  #: matched prior, prior of the thesis
-    level_s: float = 20.0  #: within which all levels are said to converge; 0: nothing is said
-    apart: float = 0.0  #: arcsec, how far the others are said to be from the first in each axis; 0: as printed
-    others: tuple[Column, ...] = ()  #: not printed
-    costs: tuple[tuple[str, str], ...] = ()  #: labels: the first is said to take longer than the second
+    why: tuple[str, str]  #: explanations under the matched prior and under that of the thesis
+    level_s: float = 20.0  #: time by which the text has all levels converged; 0 if it says nothing
+    apart: float = 0.0  #: stated distance of the others from the first in each axis, arcsec; 0 for the printed one
+    others: tuple[Column, ...] = ()  #: filters that are not printed
+    costs: tuple[tuple[str, str], ...] = ()  #: pairs of labels; the first is said to take longer than the second
     note: str = ""
 
     @property
     def title(self) -> str:
+        """Names of the filters, noise and length."""
         names = [column.label for column in self.columns]
         return f"{', '.join(names[:-1])} and {names[-1]}, {self.noise}, {self.end_s:g} s"
 
     @property
     def quick(self) -> int:
-        """Runs for a first look."""
+        """Number of runs in a first look."""
         if self.noise == MARKOV:  # the longer runs, of filters that are in white noise too
             return 0
         return QUICK_PARTICLES if any(column.single for column in self.columns) else QUICK
 
     def column(self, label: str) -> Column:
+        """Return a column by its label."""
         return next(column for column in self.columns if column.label == label)
 
 
@@ -147,7 +151,7 @@ def _line(at: Source, label: str, read: Reader, printed: Print | None = None, ag
 
 
 def _errors(p: Printing, column: Column, prior: str) -> Iterable[Line]:
-    """Each component at the end; for the azimuth what is read is what is printed, the error there or a mean up to it."""
+    """Yield a line for each component at the end; the azimuth is a mean over a span up to it if the printed one is."""
     at = column.source(p.noise, prior)
     for i, axis in enumerate(AXES):
         over_s = column.mean_s if i == AZIMUTH else 0.0
@@ -162,7 +166,7 @@ def _errors(p: Printing, column: Column, prior: str) -> Iterable[Line]:
 
 
 def _differences(p: Printing, prior: str) -> Iterable[Line]:
-    """How far the others are from the first in the same run: in azimuth as printed, or in all axes as said."""
+    """Yield the distances of the others from the first in the same run, in azimuth or in all axes."""
     first = p.columns[0]
     for column in p.columns[1:]:
         for i in (0, 1, AZIMUTH) if p.apart else (AZIMUTH,):
@@ -173,7 +177,7 @@ def _differences(p: Printing, prior: str) -> Iterable[Line]:
 
 
 def _quotients(p: Printing, prior: str) -> Iterable[Line]:
-    """What is said of one filter against another: first that each new one's azimuth is better than the UKF's."""
+    """Yield the statements on quotients, and first that the azimuth of each new filter is better than the UKF's."""
     better = [Saying(column.label, p.columns[0].label, AZIMUTH, SMALLER) for column in p.columns[1:] if column.printed]
     for one, other, of, said in (*better, *p.sayings):
         what = "levels" if of == LEVELS else AXES[of]  # type: ignore[index]
@@ -183,7 +187,7 @@ def _quotients(p: Printing, prior: str) -> Iterable[Line]:
 
 
 def _times(p: Printing, prior: str) -> Iterable[Line]:
-    """From when on errors stay small, s."""
+    """Yield the times from which on errors stay small, s."""
     for column in p.columns if p.level_s else ():
         at, read = column.source(p.noise, prior), settling(LEVELS, WITHIN[LEVELS] * ARCSEC, p.end_s)
         yield _line(at, f"{column.label}, levels converged, s", read, Said(f"within {p.level_s:g}", high=p.level_s))
@@ -203,7 +207,7 @@ def _group(p: Printing, prior: str, why: str) -> Group:
 
 
 def _cost(p: Printing) -> Iterable[Group]:
-    """What a step of one run takes, as a quotient."""
+    """Yield a group with the quotients of the time of a step, if the text speaks of it."""
     lines = []
     for one, other in p.costs:
         a, b = (p.column(label).source(p.noise, MATCHED) for label in (one, other))
@@ -214,7 +218,7 @@ def _cost(p: Printing) -> Iterable[Group]:
 
 
 def table(p: Printing) -> Table:
-    """The table with what is run for it."""
+    """Return the table with the runs that stand beside it."""
     groups = tuple(_group(p, prior, why) for prior, why in zip((MATCHED, THESIS), p.why, strict=True))
     figures = not p.columns[0].printed
     what = f"Misalignment on the thesis' swaying base after {p.end_s:g} s of fine alignment, {p.noise}. Printed is one "
@@ -266,7 +270,7 @@ UKF_WHITE_300, UKF_MARKOV_300 = _ukf(-11.579, 5.775, 1453.6), _ukf(-19.218, 7.20
 UKF_MARKOV_360 = _ukf(-21.802, -12.906, 1569.170)
 FADING = Column("AUKF, fading memory", "aukf_fading")
 SPS, MIXED = "H-infinity UKF-SPS", "UKF/H-infinity UKF"
-LAST_S = 100.0  #: whose mean is the azimuth of chapter 4
+LAST_S = 100.0  #: span up to the end whose mean is the azimuth of chapter 4, s
 
 SAME_RUN = (
     "All filters get the same fixes and the same gyros, and are told what these are. The printed azimuths of the new filters lie "
@@ -315,7 +319,7 @@ def _levels(one: str, said: Said, other: str = "UKF") -> Saying:
     return Saying(one, other, LEVELS, said)
 
 
-#: Scaled points with the beta of 000 section 3.3.2, which does not state alpha; by default they are the cubature filter's.
+#: Scaled points with the beta of 000 section 3.3.2, which states no alpha. The default points are the cubature filter's.
 SCALED = {"alpha": 1e-3, "beta": 2.0}
 SPKF = Printing(
     "3.figures",

@@ -1,4 +1,4 @@
-"""The printed azimuths of 000 chapters 3 to 5, all together, beside the bound: each alone may be luck."""
+"""All azimuths that 000 prints in chapters 3 to 5, together beside the bound, because each alone may be luck."""
 
 from __future__ import annotations
 
@@ -32,11 +32,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FIRST = "UKF"  #: the filter that is said not to converge
-Azimuth = tuple[str, float, float]  #: label, time in s, arcsec
+Azimuth = tuple[str, float, float]  #: label, time in s, printed azimuth in arcsec
 
 
 def azimuths(noise: str, new: bool) -> list[Azimuth]:
-    """What is printed at the end of a run, of the new filters or of the UKF; what stands in several tables counts once."""
+    """Return the azimuths printed at the end of a run, of the new filters or of the UKF.
+
+    A figure that several tables repeat counts once.
+    """
     found = {
         (column.solver, p.end_s): (column.label, p.end_s, column.printed[AZIMUTH])
         for p in PRINTINGS
@@ -47,13 +50,13 @@ def azimuths(noise: str, new: bool) -> list[Azimuth]:
 
 
 def printed_extremes() -> tuple[float, float]:
-    """The smallest and the largest size among the azimuths of the new filters, arcsec."""
+    """Return the smallest and the largest size among the azimuths of the new filters, arcsec."""
     sizes = [abs(value) for noise in BASES for *_, value in azimuths(noise, new=True)]
     return min(sizes), max(sizes)
 
 
 class _Together:
-    """Reads the RMS azimuth over runs and these times, arcsec, with its bound."""
+    """Reader of the RMS azimuth over runs and some times, arcsec, with its bound."""
 
     def __init__(self, times_s: Sequence[float]) -> None:
         self._times = times_s
@@ -100,7 +103,7 @@ def _draw(results: Sequence[Results]) -> Figure:
 
 
 def _names(ax: Axes, printed: Sequence[Azimuth]) -> None:
-    """Beside the points, of the last time to their right; those of one time apart."""
+    """Write names beside the points, at the last time to their right; names at one time are kept apart."""
     times = sorted({t for _, t, _ in printed})
     for at in times:
         x, side = (at + 8, "left") if at == times[-1] else (at - 8, "right")

@@ -18,28 +18,28 @@ from sins_env.evaluation.score import paired
 from sins_env.evaluation.tasks.catalogue import get_task
 
 RUNS = 200
-TRUE = {"q": 0.2, "Q": 0.4}  #: of example 1
-EARLY = 40  #: the step from which the estimates are said to be accurate
-LAST = 100  #: steps over which what remains of an error is read
-ENDS = {59: 0.5, 119: 0.9, 189: 0.3, 249: 0.7, 300: 0.5}  #: last step of each segment of example 2, and its R
+TRUE = {"q": 0.2, "Q": 0.4}  #: true mean and variance of the process noise in example 1
+EARLY = 40  #: the step from which on the text has the estimates accurate
+LAST = 100  #: number of last steps over which a remaining error is read
+ENDS = {59: 0.5, 119: 0.9, 189: 0.3, 249: 0.7, 300: 0.5}  #: last step of each segment of example 2, and its true R
 
-MOST = 100 * (1 - LUCK)  #: % of runs in which what is said in general holds
+MOST = 100 * (1 - LUCK)  #: share of the runs, %, in which a general statement must hold
 SMALLER = Said("smaller", high=1.0)
 ZERO = Said("tends to zero", high=0.063)  #: a tenth of the standard deviation of the noise that enters at each step
-TWO = ("as printed", "safeguarded")  #: the adaptive filter
+TWO = ("as printed", "safeguarded")  #: the two forms of the adaptive filter
 
-Read = Callable[[Any], Estimate]  #: what a line shows of a solvers.toy_examples.Example
+Read = Callable[[Any], Estimate]  #: function from a solvers.toy_examples.Example to the figure of a line
 Row = tuple[str, Said | None, Read]
 
 
 def toy(name: str) -> Callable[[int], Any]:
-    """A function of ``solvers.toy_examples``: the evaluation knows no solver but by name."""
+    """Return a function of ``solvers.toy_examples``, by name because the evaluation imports no solver."""
     found: Callable[[int], Any] = finding.find(f"solvers.toy_examples:{name}")
     return found
 
 
 def _group(name: str, title: str, unit: str, rows: Sequence[Row], why: str = "", runs: int = RUNS) -> Group:
-    """Lines that are read off the runs of an example."""
+    """Return a group of lines that are read off the runs of an example."""
     claims = tuple(Claim(label, said) for label, said, _ in rows)
     compute = partial(_computed, name, [read for *_, read in rows])
     return Group(title, unit, runs=runs, quick=runs, why=why, claims=claims, compute=compute)
@@ -51,17 +51,17 @@ def _computed(name: str, reads: Sequence[Read], runs: int) -> list[Estimate]:
 
 
 def accurate(value: float) -> Said:
-    """What "accurate" is taken to mean."""
+    """Return the statement that an estimate is accurate, which is taken to mean within 10 %."""
     return Said(f"{value:g} ± 10 %", 0.9 * value, 1.1 * value)
 
 
 def estimate(label: str, name: str, step: int) -> Read:
-    """Reads what a filter takes a statistic of the noise for at a step: the median over runs."""
+    """Make a reader of a filter's estimate of a noise statistic at a step, median over runs."""
     return lambda example: median(example.estimate(label, name)[step - 1])
 
 
 def spread(label: str, name: str, step: int) -> Read:
-    """Reads the RMS error of an estimate at a step; the bound is that of an estimator that sees w itself."""
+    """Make a reader of the RMS error of an estimate at a step; the bound is that of an estimator that sees w itself."""
 
     def read(example: Any) -> Estimate:
         errors = example.estimate(label, name)[step - 1] - example.noise[name][step - 1]
@@ -71,17 +71,17 @@ def spread(label: str, name: str, step: int) -> Read:
 
 
 def seen(name: str, steps: int) -> float:
-    """1-sigma error of the mean or the variance of so many values of w, at least."""
+    """Return the least 1-sigma error of the mean or of the variance of ``steps`` values of w."""
     return math.sqrt(TRUE["Q"] / steps) if name == "q" else TRUE["Q"] * math.sqrt(2 / steps)
 
 
 def negative(label: str, name: str) -> Read:
-    """Reads in how many runs an estimated variance is negative at some step, %."""
+    """Make a reader of the share of runs, %, in which an estimated variance is negative at some step."""
     return lambda example: percentage((example.estimate(label, name) < 0).any(axis=0))
 
 
 def spoilt(label: str) -> Read:
-    """Reads in how many runs a filter met an indefinite covariance, or gave up on one, %."""
+    """Make a reader of the share of runs, %, in which a filter met an indefinite covariance, or gave up on one."""
 
     def read(example: Any) -> Estimate:
         health = example.tracks[label].health
@@ -91,7 +91,7 @@ def spoilt(label: str) -> Read:
 
 
 def quotient(of: str, to: str, state: int) -> Read:
-    """Reads the RMS error of a state over that of another filter in the same runs."""
+    """Make a reader of the RMS error of a state over that of another filter in the same runs."""
 
     def read(example: Any) -> Estimate:
         a, b = (np.sqrt(np.mean(example.errors(label)[..., state - 1] ** 2, axis=0)) for label in (of, to))
@@ -102,7 +102,7 @@ def quotient(of: str, to: str, state: int) -> Read:
 
 
 def remains(label: str, state: int, last: int) -> Read:
-    """Reads the RMS error of a state over the last steps and runs."""
+    """Make a reader of the RMS error of a state over the last steps and runs."""
 
     def read(example: Any) -> Estimate:
         errors = example.errors(label)[-last:, :, state - 1]
@@ -288,7 +288,7 @@ FLIGHT = get_task("flight-zhao2010-v0")
 FIXES_M = 10 * 3**0.5  #: RMS length of the error of a fix
 DIVERGES = Said("diverges", low=FIXES_M)
 CONVERGES = Said("converges", high=FIXES_M)
-#: Of 002: window of 20 fixes, forgetting as in example 2, and none of the safeguards of solvers.filters.adaptive.base.
+#: Settings of 002: a window of 20 fixes, the forgetting of example 2, and no safeguards of solvers.filters.adaptive.base.
 WINDOW = {"m": 20, "b": 0.95}
 LITERAL = {**WINDOW, "adapt": "qQ", "k0": 0, "guard": "none", "project": "none", "gate": 1.0}
 ADAPTIVE: tuple[tuple[str, dict[str, Any]], ...] = (("safeguarded", WINDOW), ("as printed", LITERAL))

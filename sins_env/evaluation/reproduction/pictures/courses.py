@@ -1,4 +1,4 @@
-"""Figures of single runs as the documents show them, over the band of a Monte Carlo, with what is printed at their end."""
+"""Figures of single runs over the band of a Monte Carlo, with the printed errors at their end."""
 
 from __future__ import annotations
 
@@ -22,27 +22,29 @@ if TYPE_CHECKING:
 
 
 AXES = ("East", "North", "azimuth")
-BAND = (2.5, 97.5)  #: % of runs
-POINTS = 120  #: of a curve; more are heavy files, and not seen
-SIGMAS = 1.96  #: of the bound, so that it is as wide as the band
+BAND = (2.5, 97.5)  #: percentiles of the runs that limit the band
+POINTS = 120  #: number of points of a curve; more make heavy files and cannot be seen
+SIGMAS = 1.96  #: half width of the bound in sigmas, so that it is as wide as the band
 
 
 class Course(NamedTuple):
-    """A curve: a single run as the document shows it, over the band of many."""
+    """The curve of a single run, which the document shows, over the band of many runs."""
 
     label: str
-    band: Source  #: whose runs make the band
-    single: Source  #: whose first run is drawn
-    printed: tuple[float | None, float | None, float | None] = (None, None, None)  #: at the end: E, N, U, arcsec
+    band: Source  #: the runs that make the band
+    single: Source  #: the runs whose first one is drawn
+    #: Printed errors at the end in the order E, N, U, arcsec.
+    printed: tuple[float | None, float | None, float | None] = (None, None, None)
 
 
-Rows = Sequence[tuple[str, Sequence[Course]]]  #: conditions in a few words, and their curves
+Rows = Sequence[tuple[str, Sequence[Course]]]  #: rows of a figure: conditions in a few words, and their curves
 
 
 def courses(name: str, caption: str, rows: Rows, until_s: float, **more: int) -> Picture:
-    """A picture of rows of conditions and columns East, North and azimuth, up to a time from switch-on.
+    """Return a picture with a row for each condition and columns for East, North and azimuth.
 
-    Arcsec, on a scale that is linear about zero and logarithmic beyond. ``more``: runs and quick of the picture.
+    Errors are in arcsec, on a scale that is linear about zero and logarithmic beyond. Time ends ``until_s`` s from
+    switch-on. ``more`` holds ``runs`` and ``quick`` of the picture.
     """
     each = [course for _, given in rows for course in given]
     bands, singles = tuple(one.band for one in each), tuple(one.single for one in each)
@@ -74,7 +76,7 @@ def _draw(rows: Rows, until_s: float, results: Sequence[Results]) -> Figure:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, inches."""
+    """Return an empty figure of this size in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -98,7 +100,10 @@ def _course(axes: Axes, course: Course, band: Results, single: Results, componen
 
 
 def _shown(results: Results, until_s: float) -> tuple[Array, NDArray[np.int64]]:
-    """Times up to ``until_s`` and which they are: all at the start, where errors change fast, then POINTS of them."""
+    """Return the times up to ``until_s`` that are drawn, and their indices.
+
+    They are all times at the start, while errors change fast, and then POINTS of them.
+    """
     t = np.asarray(results.records.criteria.history_t)
     last = int(np.searchsorted(t, until_s - 1e-6))
     shown = np.unique(np.append(np.arange(min(POINTS // 4, last)), np.linspace(0, last, POINTS).astype(int)))
@@ -124,7 +129,7 @@ def _scale(axes: Axes, component: int) -> None:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """As SVG with fonts as text and nothing that changes from one day to the next, so that equal figures are equal files."""
+    """Save a figure as SVG, with fonts as text and without date, so that equal figures make equal files."""
     import matplotlib as mpl
 
     with mpl.rc_context({"svg.hashsalt": path.stem, "svg.fonttype": "none"}):

@@ -22,17 +22,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-POINTS = 225  #: of a curve, so that the file stays small
+POINTS = 225  #: number of points of a curve, so that the file stays small
 BLACK: dict[str, Any] = {"color": "black", "linewidth": 1.1, "zorder": 3}
 
 
 class Curve(NamedTuple):
+    """The curve of a filter."""
+
     label: str
     source: Source
 
 
 class Row(NamedTuple):
-    """Conditions in a few words, and the filters that are drawn under them."""
+    """A row of a figure: conditions in a few words, and the filters that are drawn under them."""
 
     words: str
     curves: Sequence[Curve]
@@ -41,11 +43,14 @@ class Row(NamedTuple):
 def rms_over_time(
     name: str, caption: str, rows: Sequence[Row], printed: Mapping[str, Sequence[float]], **more: Any
 ) -> Picture:
-    """A picture of rows of conditions and a column for each quantity of ``printed``.
+    """Return a picture of the RMS over time, with a row for each condition and a column for each quantity.
 
     Args:
-        printed: what is printed of each curve's time mean, in the unit of the quantity; none where nothing is.
-        more: runs and quick of the picture.
+        name: name of the file.
+        caption: caption.
+        rows: conditions and their curves.
+        printed: printed time means of the curves for each quantity, in its unit; empty if none is printed.
+        more: ``runs`` and ``quick`` of the picture.
     """
     sources = tuple(curve.source for row in rows for curve in row.curves)
     return Picture(name, caption, partial(_draw_rms, rows, printed), sources, **more)
@@ -100,11 +105,17 @@ def against_setting(
     label: str,
     **more: Any,
 ) -> Picture:
-    """A picture of the time mean of the RMS of a quantity against a setting; filters without it are lines across.
+    """Return a picture of the time mean of the RMS of a quantity against a setting; other filters are lines across.
 
     Args:
+        name: name of the file.
+        caption: caption.
+        setting: name of the setting.
+        quantity: name of the quantity.
         curve: runs of a solver, one for each value of the setting.
-        more: runs and quick of the picture.
+        beside: filters without this setting.
+        label: label of the solver.
+        more: ``runs`` and ``quick`` of the picture.
     """
     values = [float(source.settings[setting]) for source in curve]
     draw = partial(_draw_setting, setting, quantity, values, label, [one.label for one in beside])
@@ -145,7 +156,7 @@ def _plain(axes: Axes) -> None:
 
 
 def _log(column: NDArray[np.object_]) -> None:
-    """A scale for all panels of a column; intervals of few runs reach down to zero and are cut."""
+    """Set the scale of all panels of a column; intervals of few runs, which reach down to zero, are cut."""
     from matplotlib.ticker import FuncFormatter
 
     axes = column[0]
@@ -156,7 +167,7 @@ def _log(column: NDArray[np.object_]) -> None:
 
 
 def _legend(figure: Figure, panels: NDArray[np.object_]) -> None:
-    """One for all panels."""
+    """Draw one legend for all panels."""
     known = {
         label: handle
         for axes in panels.ravel()

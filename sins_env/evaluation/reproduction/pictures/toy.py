@@ -1,4 +1,4 @@
-"""Figures of examples 1 and 2 of 002: what the adaptive filters take the noise for, and the errors of all."""
+"""Figures of examples 1 and 2 of 002: the noise as the adaptive filters estimate it, and the errors of all filters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-#: By example: each statistic with the range that is drawn of it, and the states whose errors are drawn.
+#: For each example the statistics with the range that is drawn, and the states whose errors are drawn.
 SHOWN: dict[int, tuple[dict[str, tuple[float, float]], tuple[int, ...]]] = {
     1: ({"q": (-0.2, 1.0), "Q": (-0.2, 1.8)}, (1, 3)),
     2: ({"R": (-0.5, 3.0)}, (2,)),
@@ -24,11 +24,11 @@ WHAT = {
     "Q": "variance of the process noise",
     "R": "variance of the measurement noise",
 }
-SMOOTHED = 25  #: steps that an RMS is taken over
+SMOOTHED = 25  #: number of steps over which an RMS is taken
 
 
 def draw_example(number: int, example: Any) -> Figure:
-    """Of a ``solvers.toy_examples.Example``."""
+    """Draw the figure of a ``solvers.toy_examples.Example``."""
     noises, states = SHOWN[number]
     figure = new_figure(11.0, 3.6 * len(states) + 0.4)
     panels = iter(figure.subplots(len(states), 2).ravel())
@@ -51,7 +51,7 @@ def _look(example: Any, label: str) -> dict[str, Any]:
 
 
 def _noise(axes: Axes, example: Any, name: str, limits: tuple[float, float]) -> None:
-    """Median and 5-95 % of the runs, and the first run as a thin line."""
+    """Draw the median and 5 to 95 % of the runs, and the first run as a thin line."""
     true = example.noise[name]
     k = np.arange(1, len(true) + 1)
     axes.step(k, true, where="mid", color="black", linewidth=1.0, label="truth")

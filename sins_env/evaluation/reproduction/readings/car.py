@@ -1,4 +1,4 @@
-"""What the tables of the parked car read off their runs."""
+"""Readings of the tables of the parked car: angles at the end, and the effect of a disturbance."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ ANGLES = ("heading", "pitch", "roll")
 
 
 def whole(read: Reader) -> Reader:
-    """A reader of all runs."""
+    """Return the reader itself, which reads all runs."""
     return read
 
 
 def of_records(part: slice, read: Reader) -> Reader:
-    """A reader of the runs of some of the task's records alone."""
+    """Make a reader of only those runs that play some of the task's records."""
 
     def of_part(results: Results) -> Estimate:
         records, number = results.records, results.task.records
@@ -34,7 +34,7 @@ def of_records(part: slice, read: Reader) -> Reader:
 
 
 def azimuth(points: int = 0, about_mean: bool = True) -> Reader:
-    """Reads the azimuth error at the end, deg: its standard deviation over runs, or its RMS."""
+    """Make a reader of the azimuth error at the end, deg: its standard deviation over runs, or its RMS."""
 
     def read(results: Results) -> Estimate:
         return root_mean_square(np.degrees(end_errors(results, points)[:, 2]), about_mean)
@@ -43,9 +43,9 @@ def azimuth(points: int = 0, about_mean: bool = True) -> Reader:
 
 
 def angles(results: Results, points: int = 0) -> tuple[Array, Array]:
-    """Heading, pitch and roll at the end, (R, 3) rad each: as estimated, and the true ones.
+    """Return heading, pitch and roll at the end, the estimated and the true ones, (R, 3) each, in rad.
 
-    On a simulated car they count from its place, which is another one in each run: from the true angles at switch-on.
+    Those of a simulated car count from the true angles at switch-on, because each run parks it at another place.
     """
     task, records = results.task, results.records
     env = task.make(len(records))
@@ -63,7 +63,10 @@ def _euler(q: Array) -> Array:
 
 
 def level(name: str, what: str, points: int = 0) -> Reader:
-    """Reads the standard deviation over runs, deg, of an angle at the end: "found", "true", or their difference "error"."""
+    """Make a reader of the standard deviation over runs of an angle at the end, deg.
+
+    ``what`` is "found", "true", or "error", which is their difference.
+    """
 
     def read(results: Results) -> Estimate:
         found, true = (part[:, ANGLES.index(name)] for part in angles(results, points))
@@ -75,9 +78,9 @@ def level(name: str, what: str, points: int = 0) -> Reader:
 
 
 def excursion(after_s: float) -> Reader:
-    """Reads what a disturbance after ``after_s`` s did to the azimuth at most, deg RMS over runs.
+    """Make a reader of the largest effect of a disturbance at ``after_s`` s on the azimuth, deg RMS over runs.
 
-    That is the largest difference from the same run without it, same sensors and same car.
+    The effect is the difference from the same run without it, with the same sensors and the same car.
     """
 
     def read(disturbed: Results, quiet: Results) -> Estimate:
@@ -87,12 +90,12 @@ def excursion(after_s: float) -> Reader:
 
 
 def left(disturbed: Results, quiet: Results) -> Estimate:
-    """What is left of it at the end, deg RMS over runs."""
+    """Read the effect that a disturbance leaves at the end, deg RMS over runs."""
     return root_mean_square(np.degrees(end_errors(disturbed)[:, 2] - end_errors(quiet)[:, 2]))
 
 
 def recovery(after_s: float, within_deg: float) -> Reader:
-    """Reads how long after ``after_s`` s the difference stays beyond ``within_deg``, s: the median over runs."""
+    """Make a reader of the time after ``after_s`` s until the effect stays within ``within_deg``, s, median over runs."""
 
     def read(disturbed: Results, quiet: Results) -> Estimate:
         away = _since(disturbed, quiet, after_s)
@@ -108,7 +111,7 @@ def recovery(after_s: float, within_deg: float) -> Reader:
 
 
 def _since(disturbed: Results, quiet: Results, after_s: float) -> Array:
-    """|difference in azimuth| from after_s on, deg, (R, seconds); of a lost run it is NaN."""
+    """Return the size of the difference in azimuth from ``after_s`` on, deg, (R, seconds); NaN for a lost run."""
     difference = disturbed.records.history[:, :, 2].astype(np.float64) - quiet.records.history[:, :, 2]
     later = disturbed.records.criteria.history_t > after_s + 1e-6
     return np.degrees(np.abs(attitude.wrap(difference[:, later])))

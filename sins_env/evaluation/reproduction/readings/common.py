@@ -1,4 +1,7 @@
-"""What tables read off their runs: errors at a time, over time, against those of another filter, and cost."""
+"""Readings that all tables share: errors at a time and over time, quotients with another filter, and cost.
+
+A function whose docstring begins with "Make a reader" returns a function from results to an estimate.
+"""
 
 from __future__ import annotations
 
@@ -15,19 +18,25 @@ from sins_env.evaluation.score.navigation import bound_means, known_history, rat
 from sins_env.evaluation.score.results import Results
 
 Reader = Callable[..., Estimate]
-COST_REPEATS = 0.1  #: relative; UKF over CKF was measured as 0.98 and 1.05, and they are the same code
-TIME_OF_A_STEP = f"time of a step, ± {100 * COST_REPEATS:g} %"  #: title of a group that is read so
+COST_REPEATS = 0.1  #: relative error of a measured cost; UKF over CKF, the same code, gave 0.98 and 1.05
+TIME_OF_A_STEP = f"time of a step, ± {100 * COST_REPEATS:g} %"  #: title of a group of costs
 
 
 def end_errors(results: Results, points: int = 0) -> Array:
-    """Misalignment E, N, U at the end, or its mean over the last ``points`` seconds: (R, 3) rad; NaN for lost runs."""
+    """Return the misalignment E, N, U at the end, or its mean over the last ``points`` seconds.
+
+    It is (R, 3), in rad; NaN for lost runs.
+    """
     records = results.records
     phi = records.history[:, -points:, :3].mean(axis=1, dtype=np.float64) if points else records.final
     return np.where(records.unfinished[:, None], np.nan, phi)
 
 
 def errors_at(results: Results, t_s: float, over_s: float = 0.0) -> Array:
-    """Errors at a time from switch-on, or their mean over so many seconds before it: (R, components); NaN for lost runs."""
+    """Return the errors at a time from switch-on, or their mean over the ``over_s`` s before it.
+
+    They are (R, components); NaN for lost runs.
+    """
     records, t = results.records, np.asarray(results.records.criteria.history_t)
     last = int(np.argmin(np.abs(t - t_s)))
     first = int(np.searchsorted(t, t_s - over_s + 1e-6)) if over_s else last
@@ -36,7 +45,7 @@ def errors_at(results: Results, t_s: float, over_s: float = 0.0) -> Array:
 
 
 def bound_at(results: Results, component: int, t_s: float) -> float:
-    """1-sigma error that the bound leaves at a time; NaN where there is none, or it is but a reference."""
+    """Return the 1-sigma error of the bound at a time; NaN if there is no bound, or one for reference only."""
     bound = results.bound
     if bound is None or not bound.holds:
         return math.nan
@@ -44,7 +53,7 @@ def bound_at(results: Results, component: int, t_s: float) -> float:
 
 
 def error(component: int, unit: float, t_s: float, over_s: float = 0.0) -> Reader:
-    """Reads the RMS over runs of a component of the error at a time, with its bound."""
+    """Make a reader of the RMS over runs of an error component at a time, with its bound."""
 
     def read(results: Results) -> Estimate:
         bound = bound_at(results, component, t_s) / unit
@@ -54,12 +63,12 @@ def error(component: int, unit: float, t_s: float, over_s: float = 0.0) -> Reade
 
 
 def mean_error(component: int, unit: float, t_s: float) -> Reader:
-    """Reads the mean over runs of a component of the error at a time."""
+    """Make a reader of the mean over runs of an error component at a time."""
     return lambda results: mean(errors_at(results, t_s)[:, component] / unit)
 
 
 def spread_of_error(component: int, unit: float, t_s: float) -> Reader:
-    """Reads the standard deviation over runs of a component of the error at a time."""
+    """Make a reader of the standard deviation over runs of an error component at a time."""
 
     def read(results: Results) -> Estimate:
         bound = bound_at(results, component, t_s) / unit
@@ -69,7 +78,7 @@ def spread_of_error(component: int, unit: float, t_s: float) -> Reader:
 
 
 def apart(component: int, unit: float, t_s: float, over_s: float = 0.0) -> Reader:
-    """Reads how far two filters are apart at a time in the same run: RMS over runs of the difference of their errors."""
+    """Make a reader of the RMS over runs of the difference between the errors of two filters in the same run."""
 
     def read(one: Results, other: Results) -> Estimate:
         mine, its = paired.common(one.records, other.records)
@@ -80,7 +89,7 @@ def apart(component: int, unit: float, t_s: float, over_s: float = 0.0) -> Reade
 
 
 def quotient(component: int | Sequence[int], t_s: float, over_s: float = 0.0) -> Reader:
-    """Reads the RMS of a component of the error, or of several together, over that of another filter in the same runs."""
+    """Make a reader of the RMS of error components, taken together, over that of another filter in the same runs."""
     parts = np.atleast_1d(component)
 
     def read(one: Results, other: Results) -> Estimate:
@@ -94,7 +103,10 @@ def quotient(component: int | Sequence[int], t_s: float, over_s: float = 0.0) ->
 
 
 def armse(name: str) -> Reader:
-    """Reads the time mean of the RMS over runs of a quantity of navigation, in its unit, with its bound."""
+    """Make a reader of the ARMSE of a quantity of navigation, in its unit, with its bound.
+
+    The ARMSE is the mean over time of the RMS over runs. See docs/tasks_and_scores.md#navigation-scores.
+    """
 
     def read(results: Results) -> Estimate:
         unit = quantities.find(name, True).unit
@@ -109,7 +121,7 @@ def armse(name: str) -> Reader:
 
 
 def ratio_of_armse(name: str) -> Reader:
-    """Reads the time mean of the RMS over runs of a quantity over that of another filter in the same runs."""
+    """Make a reader of the ARMSE of a quantity over that of another filter in the same runs."""
 
     def read(one: Results, other: Results) -> Estimate:
         mine, its = paired.common(one.records, other.records)
@@ -120,24 +132,27 @@ def ratio_of_armse(name: str) -> Reader:
 
 
 def lengths(results: Results, name: str) -> Array:
-    """A quantity of navigation over the scored span, (R, seconds), rad, m/s or m; the worst once a run has raised."""
+    """Return a quantity of navigation over the scored span, (R, seconds), in rad, m/s or m.
+
+    A run that raised has the worst error from there on.
+    """
     records = results.records
     return quantities.length(known_history(records)[:, records.criteria.span], quantities.find(name, True))
 
 
 def failed(results: Results) -> Estimate:
-    """Reads the share of runs that did not come to a good end, %."""
+    """Read the share of failed runs, %."""
     return percentage(results.records.failed)
 
 
 def percentage(flags: NDArray[np.bool_]) -> Estimate:
-    """Share of runs (R,), %."""
+    """Compute the share of runs with a flag (R,), %."""
     value, (low, high) = paired.proportion(float(flags.mean()), len(flags))
     return Estimate(100 * value, round(100 * low, 9), round(100 * high, 9), len(flags))
 
 
 def median(values: Array) -> Estimate:
-    """Median of values (R,); NaN marks the runs that are lost."""
+    """Compute the median of values (R,); NaN marks lost runs."""
     known = values[np.isfinite(values)]
     lost = len(values) - len(known)
     if len(known) < 2:
@@ -146,19 +161,19 @@ def median(values: Array) -> Estimate:
 
 
 def cost(results: Results) -> Estimate:
-    """Reads what a step costs, relative to ckf in the same process; a measurement has no interval over runs."""
+    """Read the cost of a step, relative to ckf in the same process; a measurement has no interval over runs."""
     found = results.cost.ratio if results.cost else None
     return Estimate(found, found, found, 0) if found is not None else NOTHING
 
 
 def cost_against(one: Results, other: Results) -> Estimate:
-    """Reads what a step costs, relative to that of another filter; measured again it may differ by COST_REPEATS."""
+    """Read the cost of a step, relative to that of another filter; another measurement may differ by COST_REPEATS."""
     ratio = cost(one).value / cost(other).value
     return Estimate(ratio, ratio * (1 - COST_REPEATS), ratio * (1 + COST_REPEATS), 0)
 
 
 def batch_cost_against(one: Results, other: Results) -> Estimate:
-    """Reads the median over runs of their share of what their batch cost, relative to that of another filter."""
+    """Read the median cost of a run in its batch, relative to that of another filter."""
     a, b = (float(np.median(results.records.step_s)) for results in (one, other))
     return Estimate(a / b, a / b, a / b, len(one.records))
 

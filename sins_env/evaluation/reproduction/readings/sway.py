@@ -1,4 +1,4 @@
-"""What the tables of the swaying base read off their runs beside errors at a time."""
+"""Readings of the tables of the swaying base, besides errors at a time: settling, wander, largest error."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from sins_env.evaluation.score.results import Results
 
 
 def settling(components: int | Sequence[int], within: float, until_s: float) -> Reader:
-    """Reads from when on errors stay ``within`` (rad) until a time, s from switch-on: the median over runs.
+    """Make a reader of the time from which on errors stay ``within`` (rad) until ``until_s``, median over runs.
 
-    Runs that are outside at the end count as inf; those that are lost are left out and counted.
+    Times are s from switch-on. A run that is outside at the end has an infinite one. Lost runs are left out and counted.
     """
 
     def read(results: Results) -> Estimate:
@@ -34,7 +34,7 @@ def settling(components: int | Sequence[int], within: float, until_s: float) -> 
 
 
 def wander(component: int, unit: float, t_s: float, over_s: float) -> Reader:
-    """Reads the standard deviation of an error about its own mean over so many seconds before a time: RMS over runs."""
+    """Make a reader of the standard deviation of an error in the ``over_s`` s before a time, RMS over runs."""
 
     def read(results: Results) -> Estimate:
         records, t = results.records, np.asarray(results.records.criteria.history_t)
@@ -46,9 +46,9 @@ def wander(component: int, unit: float, t_s: float, over_s: float) -> Reader:
 
 
 def largest(component: int, unit: float, t_s: float, of: int) -> Reader:
-    """Reads the largest size of an error at a time among so many runs: the median of that maximum and where 95 % of it lie.
+    """Make a reader of the largest size of an error at a time among ``of`` runs: its median and its 95 % interval.
 
-    From the distribution of all runs, F, for that of the maximum is F to the power of ``of``.
+    With F the distribution over all runs, the maximum has the distribution F to the power of ``of``.
     """
 
     def read(results: Results) -> Estimate:
