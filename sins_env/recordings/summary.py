@@ -143,8 +143,8 @@ def _on_the_spot(recording: Recording) -> tuple[int, int]:
 def _carried(recording: Recording, first: int, last: int) -> tuple[Array, Array]:
     """Integrate increments in body axes frozen at the start.
 
-    Returns the attitude at the end relative to the start, (4,), and the velocity that specific force has added by the end
-    of each of S steps of about 0.02 s, (S, 3).
+    Returns the attitude at the end relative to the start, (4,), and the velocity added by specific force, (S, 3). The
+    latter is given at the ends of S steps of about 0.02 s.
     """
     size = max(round(0.02 * recording.rate_hz), 1)  # 50 Hz is fine enough for a guess
     count = max((last - first) // size, 1)

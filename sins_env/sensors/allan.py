@@ -123,8 +123,8 @@ def quantisation(pulse: float, tau: Array, rest: tuple[float, float] | None = No
     """Return the Allan deviation of counted pulses whose remainder is carried to the next sample.
 
     The total is never off by more than half a pulse, and its rounding error is uniform with variance pulse^2 / 12. If
-    the errors at both ends of an averaging time are independent, the deviation is pulse / (2 tau), with slope -1
-    (IEEE Std 952-1997: sqrt(3) Q / tau with Q = pulse / sqrt(12)).
+    the errors at both ends of an averaging time are independent, the deviation is pulse / (2 tau), with slope -1. IEEE
+    Std 952-1997 writes it sqrt(3) Q / tau with Q = pulse / sqrt(12).
 
     ``rest`` holds the random-walk coefficient and the 1-sigma bias of a sensor without input. Such a sensor drifts
     through its pulses by these alone, and over short times the errors at both ends are correlated.

@@ -122,8 +122,8 @@ def picked(options: dict[str, Any], name: str) -> Any:
 def pick_rows(name: str, given: Any, count: int, rngs: Sequence[np.random.Generator]) -> NDArray[np.int64]:
     """Return which of ``count`` windows or records each run plays, (runs,).
 
-    ``given`` is None for a draw by each run, a list with an index for each run, or the index of the first run, which the
-    other runs follow one by one.
+    If ``given`` is None, each run draws its own. A list has an index for each run. A single index is that of the first run,
+    which the others follow one by one.
 
     Raises:
         ValueError: neither one index nor a list with one for each run; an index that does not exist.

@@ -182,8 +182,8 @@ def larger(a: Printed, b: Printed) -> bool:
 def verdicts(printed: Sequence[Print | None], ours: Sequence[Estimate]) -> list[str]:
     """Return a verdict on each line of a group; empty for a line without a printed figure.
 
-    An RMS is "in order only" if some lines differ from it significantly in the print and by our intervals, and all of
-    these stand in the same order.
+    An RMS is "in order only" if some lines differ from it significantly, both in the print and by our intervals. All of
+    them must do so in the same order.
     """
     return [_verdict(i, printed, ours) for i in range(len(ours))]
 
