@@ -101,7 +101,7 @@ MOVED = {
     "sins_env.recordings.csv_files": "sins_env.recordings.formats.csv_files",
     "sins_env.recordings.kfgins": "sins_env.recordings.formats.kfgins",
     "sins_env.recordings.npz": "sins_env.recordings.formats.npz",
-    "sins_env.recordings.psins": "sins_env.recordings.formats.psins",
+    "sins_env.recordings.psins": "sins_env.recordings.formats.psins_imu sins_env.recordings.formats.psins_mat",
     "sins_env.recordings.rows": "sins_env.recordings.assembling",
     "sins_env.recordings.units": "sins_env.recordings.column_units",
     "sins_env.trajectory.base": "sins_env.motion",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from sins_env.cli.arguments import Parser, count, number, positive, seed, setting, several
+from sins_env.recordings import FORMATS
 from sins_env.version import VERSION
 
 DEFAULT_DB = "results.sqlite"
@@ -14,10 +15,7 @@ CODES = (
 )
 _FAILED = "failed epochs (an action that is not finite, or zero). A run that diverged is a result: 0."
 _RUN_CODES = f"Exit code 1: the run raised, was lost, was given up by the solver, or had {_FAILED}"
-_FORMATS = (
-    "Formats: npz (.npz), kfgins (.txt, with _gnss, _truth and .json), psins-imu (.imu), psins-mat (.mat), "
-    "csv (.csv, with a mapping .json)."
-)
+_FORMATS = f"Formats: {', '.join(map(str, FORMATS.values()))}."
 _EVAL_CODES = (
     f"Exit code 1: any run raised, was lost, or had {_FAILED} Runs given up by the solver are counted in the table."
 )
@@ -173,11 +171,12 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help=_SETTING)
     sub.add_argument("--plot", metavar="FILE", help="draw heading, pitch, roll and their spread")
 
+    names = ", ".join(FORMATS)
     sub = verb("convert", "verbs.recordings:convert", "a recording in another format", _FORMATS)
     sub.add_argument("source", metavar="IN")
     sub.add_argument("target", metavar="OUT")
-    sub.add_argument("--format", metavar="NAME", help="of IN, where its ending does not say it")
-    sub.add_argument("--to", metavar="NAME", help="format of OUT, where its ending does not say it")
+    sub.add_argument("--format", metavar="NAME", help=f"of IN, where its ending does not say it: {names}")
+    sub.add_argument("--to", metavar="NAME", help="format of OUT, likewise")
     sub.add_argument("--mapping", metavar="FILE", help="what IN does not say of itself, as JSON (default: IN's .json)")
     sub.add_argument("--axes", metavar="AXES", help="where x, y, z of IN point: FRD, RFU, FLU ... or +y+x-z")
     sub.add_argument("--resample", type=float, metavar="HZ", help="to another rate; never done unasked")

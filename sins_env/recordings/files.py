@@ -5,41 +5,19 @@ from __future__ import annotations
 import difflib
 import json
 import os
-from collections.abc import Callable
 from collections.abc import Mapping as Dict
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from sins_env.checks import choice, unknown
 from sins_env.recordings.column_units import check_plausible
-from sins_env.recordings.formats import csv_files, kfgins, npz, psins
+from sins_env.recordings.file_format import PARTS
+from sins_env.recordings.formats import FORMATS
 from sins_env.recordings.mapping import Mapping, read_mapping, to_mapping
 from sins_env.recordings.recording import Recording
 
 DATA_VARIABLE = "SINS_ENV_DATA"
-
-
-class Format(NamedTuple):
-    ending: str
-    load: Callable[[Path, Mapping], Recording]
-    save: Callable[[Recording, Path], list[Path]]
-    keys: tuple[str, ...]  #: of a mapping, besides those that all formats take
-    beside: tuple[str, ...] = ()  #: what the names of files with fixes and reference add to NAME; NAME.json maps them
-
-
-_ALL = ("format", "file", "axes", "resample_hz", "drop_duplicates")
-_TEXT = ("rate_hz", "site", "lever_arm_m", "gnss", "reference", "velocity_from_positions")
-_MAT = ("rate_hz", "site", "lever_arm_m", "velocity_from_positions")
-_CSV = (*_TEXT, "time", "gyro", "accel", "rates", "delimiter", "header")
-
-FORMATS = {
-    "npz": Format(".npz", npz.load, npz.save, ()),
-    "kfgins": Format(".txt", kfgins.load, kfgins.save, _TEXT, ("_gnss", "_truth")),
-    "psins-imu": Format(".imu", psins.load_imu, psins.save_imu, ("site",)),
-    "psins-mat": Format(".mat", psins.load_mat, psins.save_mat, _MAT),
-    "csv": Format(".csv", csv_files.load, csv_files.save, _CSV, ("_gnss", "_reference")),
-}
 
 
 def load(path: str | os.PathLike[str], *, format: str | None = None, mapping: Any = None, **settings: Any) -> Recording:
@@ -60,8 +38,8 @@ def load(path: str | os.PathLike[str], *, format: str | None = None, mapping: An
     data, kind, given = _with_mapping(found, format, mapping)
     given |= {name: value for name, value in settings.items() if value is not None}
     for key in given:
-        if key in Mapping.__dataclass_fields__ and key not in (*_ALL, *FORMATS[kind].keys):
-            raise unknown(f"key of a mapping of {kind} files", key, (*_ALL, *FORMATS[kind].keys))
+        if key in Mapping.__dataclass_fields__ and key not in FORMATS[kind].allowed_keys:
+            raise unknown(f"key of a mapping of {kind} files", key, FORMATS[kind].allowed_keys)
     whole = to_mapping(given, str(data))
     beside = [data.parent / name for name in whole.companions()]
     stamps = tuple(file.stat().st_mtime_ns for file in (data, *beside) if file.is_file())
@@ -88,7 +66,7 @@ def _with_mapping(found: Path, format: str | None, mapping: Any) -> tuple[Path, 
     else:
         beside = found.with_suffix(".json")
         kind = format or format_of(found)
-        if FORMATS[kind].beside and beside.is_file():
+        if FORMATS[kind].companions and beside.is_file():
             given = read_mapping(beside)
     named = given.get("format")
     if named is not None:
@@ -97,14 +75,20 @@ def _with_mapping(found: Path, format: str | None, mapping: Any) -> tuple[Path, 
 
 
 def format_of(path: Path) -> str:
-    """The format that the ending of a name says.
+    """The format that the ending of a name says; where formats share one, that which recognises the file.
 
     Raises:
-        ValueError: an ending that is none.
+        ValueError: an ending that is none, or a file that several formats, or none of them, take for theirs.
     """
-    for name, format in FORMATS.items():
-        if path.suffix.lower() == format.ending:
-            return name
+    alike = [format for format in FORMATS.values() if path.suffix.lower() == format.ending]
+    found = [format for format in alike if len(alike) == 1 or (path.is_file() and format.recognises(path))]
+    if len(found) == 1:
+        return found[0].name
+    if alike:
+        names = ", ".join(format.name for format in alike)
+        raise ValueError(
+            f"{path}: the ending {path.suffix!r} is that of {names}; allowed: one of them, given as the format"
+        )
     endings = ", ".join(f"{format.ending} ({name})" for name, format in FORMATS.items())
     raise ValueError(
         f"{path}: no format has the ending {path.suffix!r}; allowed: {endings}, .json (a mapping), or format"
@@ -117,7 +101,7 @@ def _find(path: Path) -> Path:
     for place in places:
         if place.is_file():
             return place
-    endings = {format.ending for format in FORMATS.values()} - {".txt"}  # most texts are no recordings
+    endings = {format.ending for format in FORMATS.values() if format.distinctive}
     folders = [place.parent for place in places if place.parent.is_dir()]
     names = sorted({p.name for there in folders for p in there.iterdir() if p.suffix.lower() in endings})
     stems = {Path(name).stem: name for name in names}
@@ -150,8 +134,7 @@ def save(
     """
     where = Path(path)
     kind = format or format_of(where)
-    if kind not in FORMATS:
-        raise unknown("format", kind, FORMATS)
+    choice("format", kind, FORMATS)
     if not where.resolve().parent.is_dir():
         raise FileNotFoundError(f"{where}: the directory does not exist")
     there = [file for file in _targets(recording, where, kind) if file.exists()]
@@ -161,20 +144,13 @@ def save(
 
 
 def _targets(recording: Recording, path: Path, kind: str) -> list[Path]:
-    beside = FORMATS[kind].beside
+    beside = FORMATS[kind].beside(path)
     parts = (recording.gnss, recording.reference)
-    names = [f"{path.stem}{more}{path.suffix}" for more, part in zip(beside, parts, strict=False) if part is not None]
-    return [path, *map(path.with_name, names), *([path.with_suffix(".json")] if beside else [])]
+    there = [file for file, part in zip(beside, parts, strict=False) if part is not None]
+    return [path, *there, *([path.with_suffix(".json")] if beside else [])]
 
 
 def left_out(recording: Recording, format: str) -> list[str]:
-    """What a format has no place for, or stands in for, in words."""
-    gnss, ref = recording.gnss, recording.reference
-    out = []
-    if format == "psins-imu":
-        out += ["fixes"] * (gnss is not None) + ["reference"] * (ref is not None)
-        out += ["lever arm"] * (recording.lever_arm is not None)
-    out += ["displacements"] * (recording.displacements is not None and format != "npz")
-    if format == "psins-mat" and gnss is not None and (gnss.pos_std is not None or gnss.vel_std is not None):
-        out.append("standard deviations of the fixes")
-    return out
+    """Parts of a recording that a format has no place for, in words."""
+    lacks = FORMATS[format].lacks
+    return [part for part, has in PARTS.items() if part in lacks and has(recording)]

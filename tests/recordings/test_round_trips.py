@@ -10,7 +10,7 @@ from oracles import made
 from places import TESTS
 
 from sins_env.recordings import FORMATS, LAYOUTS, left_out, load, resample, save
-from sins_env.recordings.formats import psins as psins_files
+from sins_env.recordings.formats import psins_imu
 from sins_env.units import ARCSEC
 
 ENDINGS = {name: one.ending for name, one in FORMATS.items()}
@@ -40,7 +40,7 @@ def test_round_trip(tmp_path, name, case):
     assert_array_equal(again.missing, first.missing)
     assert_allclose(again.site.pos, first.site.pos, rtol=1e-13 if name == "psins-imu" else 1e-15)
     if name == "psins-imu":
-        lsb = psins_files.GYRO_LSB_ARCSEC * ARCSEC
+        lsb = psins_imu.GYRO_LSB_ARCSEC * ARCSEC
         sums = [np.nancumsum(one.dtheta, axis=0) for one in (first, again)]
         assert np.abs(sums[0] - sums[1]).max() <= 0.51 * lsb  # the remainder is carried on
         assert_allclose(again.dvel, first.dvel, atol=1e-7)

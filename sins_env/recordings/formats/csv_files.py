@@ -16,6 +16,7 @@ from sins_env.recordings import column_units
 from sins_env.recordings.assembling import assemble, check_unit, geodetic
 from sins_env.recordings.axes import swap_ned, to_rfu, turned
 from sins_env.recordings.clock import Samples, check_increasing, clocked
+from sins_env.recordings.file_format import TEXT_KEYS, Format
 from sins_env.recordings.mapping import Mapping, companion
 from sins_env.recordings.recording import Gnss, Recording, Reference
 from sins_env.recordings.text import Style, header, read_table, write_files
@@ -207,11 +208,11 @@ def save(recording: Recording, path: Path) -> list[Path]:
         mapping["lever_arm_m"] = recording.lever_arm.tolist()
     files = [_table(path, ("t", *_xyz("dtheta"), *_xyz("dvel")), t, recording.dtheta[here], recording.dvel[here])]
     gnss, ref = recording.gnss, recording.reference
+    fixes, truth = FORMAT.beside(path)
     enu, llh = ("E", "N", "U"), ("latitude", "longitude", "height")
     if gnss is not None:
-        where = path.with_name(f"{path.stem}_gnss{path.suffix}")
         mapping["gnss"], table = _companion(
-            where,
+            fixes,
             gnss.t_s,
             ("position", llh, {"unit": "rad"}, gnss.pos),
             ("velocity", tuple(f"v{x}" for x in enu), {"frame": "ENU"}, gnss.vel),
@@ -220,9 +221,8 @@ def save(recording: Recording, path: Path) -> list[Path]:
         )
         files.append(table)
     if ref is not None:
-        where = path.with_name(f"{path.stem}_reference{path.suffix}")
         mapping["reference"], table = _companion(
-            where,
+            truth,
             ref.t_s,
             ("attitude", ("qw", "qx", "qy", "qz"), {"frame": "ENU"}, ref.q_nb),
             ("velocity", tuple(f"v{x}" for x in enu), {"frame": "ENU"}, ref.vel),
@@ -248,3 +248,14 @@ def _companion(path: Path, t: Array, *fields: Any) -> tuple[dict[str, Any], tupl
     names = ("t", *(column for _, columns, _, _ in there for column in columns))
     table = _table(path, names, t, *(values for *_, values in there))
     return {"file": path.name, "time": {"column": "t"}, **spec}, table
+
+
+FORMAT = Format(
+    "csv",
+    ".csv",
+    load,
+    save,
+    keys=(*TEXT_KEYS, "time", "gyro", "accel", "rates", "delimiter", "header"),
+    companions=("_gnss", "_reference"),
+    lacks=("displacements",),
+)

@@ -26,13 +26,19 @@ from sins_env.arrays import Array
 from sins_env.recordings.assembling import assemble, geodetic
 from sins_env.recordings.axes import heading_pitch_roll, swap_ned, to_rfu, turned
 from sins_env.recordings.clock import Samples, check_increasing, clocked
+from sins_env.recordings.file_format import TEXT_KEYS, Format
 from sins_env.recordings.mapping import Mapping, companion
 from sins_env.recordings.recording import Gnss, Recording, Reference
-from sins_env.recordings.text import read_table, write_files
+from sins_env.recordings.text import Style, header, read_table, write_files
 
 AXES = "FRD"
 IMU_COLUMNS, GNSS_COLUMNS, TRUTH_COLUMNS = (7, 8), (7, 13), (11,)
 POS_STD_M, VEL_STD_MPS = 1.0, 0.1  #: written where a recording knows none
+
+
+def has_increments(path: Path) -> bool:
+    """Whether the first row has as many numbers as one of increments."""
+    return len(header(path, Style())) in IMU_COLUMNS
 
 
 def load(path: Path, mapping: Mapping) -> Recording:
@@ -94,12 +100,13 @@ def save(recording: Recording, path: Path) -> list[Path]:
     mapping["site"] = [*np.degrees(recording.site.pos[:2]).tolist(), recording.site.height]
     if recording.lever_arm is not None:
         mapping["lever_arm_m"] = (turn @ recording.lever_arm).tolist()
+    fixes, truth = FORMAT.beside(path)
     if recording.gnss is not None:
-        mapping["gnss"] = f"{path.stem}_gnss{path.suffix}"
-        files.append((path.with_name(mapping["gnss"]), *_gnss_rows(recording.gnss)))
+        mapping["gnss"] = fixes.name
+        files.append((fixes, *_gnss_rows(recording.gnss)))
     if recording.reference is not None:
-        mapping["reference"] = f"{path.stem}_truth{path.suffix}"
-        files.append((path.with_name(mapping["reference"]), *_truth_rows(recording.reference, recording.site.pos)))
+        mapping["reference"] = truth.name
+        files.append((truth, *_truth_rows(recording.reference, recording.site.pos)))
     return write_files(files, path.with_suffix(".json"), mapping)
 
 
@@ -126,3 +133,16 @@ def _truth_rows(ref: Reference, parked: Array) -> tuple[str, Array]:
     vel = np.zeros((count, 3)) if ref.vel is None else swap_ned(ref.vel)
     row = "%d %.9f %.12f %.12f %.6f" + " %r" * 3 + " %.12f" * 3
     return row, np.column_stack([np.zeros(count), ref.t_s, _llh(pos), vel, roll, pitch, heading])
+
+
+FORMAT = Format(
+    "kfgins",
+    ".txt",
+    load,
+    save,
+    keys=TEXT_KEYS,
+    companions=("_gnss", "_truth"),
+    lacks=("displacements",),
+    recognises=has_increments,
+    distinctive=False,
+)

@@ -18,6 +18,7 @@ from sins_env.arrays import Array
 from sins_env.recordings.assembling import check_unit, geodetic, site
 from sins_env.recordings.axes import to_rfu, turned
 from sins_env.recordings.clock import Samples, check_increasing, clocked, on_grid, resample
+from sins_env.recordings.file_format import Format
 from sins_env.recordings.mapping import Mapping
 from sins_env.recordings.recording import Displacements, Gnss, Recording, Reference, frozen
 from sins_env.recordings.text import replacing
@@ -251,3 +252,6 @@ def save(recording: Recording, path: Path) -> list[Path]:
     with replacing([path]) as (new,), new.open("wb") as stream:
         np.savez(stream, **{key: value for key, value in arrays.items() if value is not None})
     return [path]
+
+
+FORMAT = Format("npz", ".npz", load, save)
