@@ -44,16 +44,15 @@ def test_round_trip(tmp_path, name, case):
         sums = [np.nancumsum(one.dtheta, axis=0) for one in (first, again)]
         assert np.abs(sums[0] - sums[1]).max() <= 0.51 * lsb  # the remainder is carried on
         assert_allclose(again.dvel, first.dvel, atol=1e-7)
-        assert again.gnss is again.reference is None
-        return
-    assert_array_equal(again.dtheta, first.dtheta)
-    assert_array_equal(again.dvel, first.dvel)
+    else:
+        assert_array_equal(again.dtheta, first.dtheta)
+        assert_array_equal(again.dvel, first.dvel)
     _same_fixes(name, first, again)
     _same_reference(name, first, again)
 
 
 def _same_fixes(name, first, again):
-    if first.gnss is None:
+    if first.gnss is None or "fixes" in FORMATS[name].lacks:
         assert again.gnss is None
         return
     exact = name in ("npz", "csv")
@@ -61,7 +60,7 @@ def _same_fixes(name, first, again):
     for field, one, other in zip(first.gnss._fields, first.gnss, again.gnss, strict=True):
         if one is None and field in ("pos_std", "vel_std") and name == "kfgins" and other is not None:
             assert_array_equal(other, np.full(other.shape, {"pos_std": 1.0, "vel_std": 0.1}[field]))
-        elif name == "psins-mat" and field.endswith("std"):
+        elif "standard deviations of the fixes" in FORMATS[name].lacks and field.endswith("std"):
             assert other is None
             assert "standard deviations" in str(left_out(first, name)) or one is None
         elif one is None:
@@ -74,7 +73,7 @@ def _same_fixes(name, first, again):
 
 def _same_reference(name, first, again):
     ref, other = first.reference, again.reference
-    if ref is None:
+    if ref is None or "reference" in FORMATS[name].lacks:
         assert other is None
         return
     assert_allclose(other.t_s, ref.t_s, atol=1e-9)

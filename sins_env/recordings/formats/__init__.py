@@ -11,6 +11,6 @@ import pkgutil
 
 from sins_env.recordings.file_format import Format
 
-_MODULES = [importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__)]
-#: Every format by its name.
-FORMATS: dict[str, Format] = {module.FORMAT.name: module.FORMAT for module in _MODULES}
+_MODULES = (importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__))
+#: Every format by its name, in the order of the names.
+FORMATS: dict[str, Format] = {name: one for name, one in sorted((m.FORMAT.name, m.FORMAT) for m in _MODULES)}
