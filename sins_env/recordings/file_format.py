@@ -21,10 +21,10 @@ class Format:
     """A file format. Each file in ``formats`` makes one and calls it ``FORMAT``."""
 
     name: str  #: what users type
-    ending: str  #: of the file's name, with the dot
+    ending: str  #: the end of a file's name, with the dot
     load: Callable[[Path, Mapping], Recording]
     save: Callable[[Recording, Path], list[Path]]  #: writes all files or none, and returns their paths
-    keys: tuple[str, ...] = ()  #: of its mappings, besides ``COMMON_KEYS``
+    keys: tuple[str, ...] = ()  #: keys that its mappings take, besides ``COMMON_KEYS``
     companions: tuple[
         str, ...
     ] = ()  #: what the names of files with fixes and reference add to NAME; NAME.json maps them
