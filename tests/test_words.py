@@ -1,6 +1,7 @@
 """Docstrings and ``#:`` comments read as plain prose: no dangling first word, and no sentence of more than 30 words."""
 
 import ast
+import functools
 import io
 import re
 import tokenize
@@ -39,6 +40,9 @@ TABLE_ROW = re.compile(r"\S {2,}\S")
 BORDER = re.compile(r"(?<=[.!?])[\"')\]]*\s+(?=[\"'(\[`]*[A-Z`])")
 ABBREVIATION = re.compile(r"\b(e\.g|i\.e|cf|vs|eqs?|sec|fig|no|ch|pp?|al|resp)\.$", re.IGNORECASE)
 CODE = re.compile(r"(:\w+:)?(``.*?``|`.*?`)|https?://\S+|docs/\S+", re.DOTALL)
+CITATION = re.compile(r"(docs/[\w/]+\.md)(?:#([\w-]+))?")
+LINK = re.compile(r"\]\(([\w/.-]*\.md)?(?:#([\w-]+))?\)")
+BARE_PAGE = re.compile(r"(?<![\w/])\w+\.md\b")
 WORD = re.compile(r"[A-Za-z][A-Za-z'-]*[a-z]")
 
 
@@ -150,3 +154,30 @@ def test_faults_of_docstrings(doc, count):
 def test_faults_of_comments():
     source = "A = 1  #: of each run\nB = 2  #: share of runs\n#: The first line\n#: of a comment.\nC = 3\n"
     assert faults(source) == ["1: begins with 'of': of each run"]
+
+
+@functools.cache
+def anchors(page):
+    """Return the anchors of the headings of a Markdown page, in GitHub's spelling."""
+    headings = re.findall(r"^#+ +(.*)$", page.read_text("utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading).strip().lower().replace(" ", "-") for heading in headings}
+
+
+def test_cited_pages_exist():
+    """What code cites, and what the pages of docs/ link to, are pages of the repository and sections that they have."""
+    cited = [
+        (path, ROOT / page, anchor) for path in SOURCES for page, anchor in CITATION.findall(path.read_text("utf-8"))
+    ]
+    for path in (ROOT / "docs").rglob("*.md"):
+        links = LINK.findall(path.read_text("utf-8"))
+        cited += [(path, (path.parent / page).resolve() if page else path, anchor) for page, anchor in links]
+    assert len(cited) > 100
+    lost = [
+        f"{path.relative_to(ROOT)}: {page.name}#{anchor}"
+        for path, page, anchor in cited
+        if not page.is_file() or (anchor and anchor not in anchors(page))
+    ]
+    for path in SOURCES:
+        bare = set(BARE_PAGE.findall(path.read_text("utf-8"))) - {"README.md", "REPRODUCTION.md"}
+        lost += [f"{path.relative_to(ROOT)}: {name}" for name in bare]
+    assert not lost, "\n" + "\n".join(lost)
