@@ -27,9 +27,6 @@ UNFINISHED = (
     "sins_env/evaluation/speed/",
     "sins_env/evaluation/store/",
     "sins_env/evaluation/tasks/",
-    "sins_env/recordings/__init__.py",
-    "sins_env/recordings/files.py",
-    "sins_env/recordings/formats/",
     "solvers/pipeline/",
 )
 

@@ -1,4 +1,7 @@
-"""Recordings in and out: increments, fixes and reference in the frames of this package, whatever the file's are.
+"""Recordings: files of many formats are read into one form, and written from it.
+
+A file comes in, with a mapping if it does not describe itself. A :class:`Recording` goes out: increments, fixes and
+reference in the frames of this package.
 
     load("drive.npz")                        one of the NPZ layouts (:mod:`sins_env.recordings.formats.npz`)
     load("Leador-A15.txt")                   KF-GINS text; GNSS and truth as Leador-A15.json names them
@@ -6,9 +9,12 @@
     load("imu.csv"), load("imu.json")        CSV, with a mapping (:mod:`sins_env.recordings.mapping`)
     save(recording, "drive.txt")             the format of the ending
 
-Everything becomes one :class:`Recording`: Right-Forward-Up increments on one uniform clock. Gaps stay gaps (NaN);
-stamps that repeat or run back, units that cannot be, and files of the wrong form are one clear error with the file,
-the line or sample, what is there and what is allowed. Nothing is resampled unless it is asked for.
+Increments are Right-Forward-Up on one uniform clock. Gaps stay gaps (NaN), and nothing is resampled without being asked.
+Stamps that repeat or run back, impossible units, and files of the wrong form are one clear error. It has the file, the
+line or sample, what is there and what is allowed.
+
+Read ``recording``, ``files``, ``formats``; then ``mapping``, ``text``, ``axes``, ``column_units``, ``clock``,
+``assembling``; then what uses a recording: ``interpolation``, ``summary``.
 """
 
 from sins_env.recordings.axes import heading_pitch_roll, to_rfu

@@ -1,4 +1,4 @@
-"""What a file format is: how its files are called, what they have a place for, and the functions that read and write them."""
+"""The description of a file format: the names of its files, their possible contents, and how to read and write them."""
 
 from __future__ import annotations
 
@@ -11,38 +11,38 @@ from sins_env.recordings.recording import Recording
 
 #: Keys that the mapping of every format takes.
 COMMON_KEYS = ("format", "file", "axes", "resample_hz", "drop_duplicates")
-#: Keys of formats whose files do not say where they were recorded, and of text files that have others beside them.
+#: Keys of formats whose files do not state the place of the recording.
 SITE_KEYS = ("rate_hz", "site", "lever_arm_m", "velocity_from_positions")
+#: Keys of text formats, which have fixes and reference in files of their own.
 TEXT_KEYS = (*SITE_KEYS, "gnss", "reference")
 
 
 @dataclass(frozen=True)
 class Format:
-    """A file format. Each file in ``formats`` makes one and calls it ``FORMAT``."""
+    """A file format. Each module in ``formats`` makes one and calls it ``FORMAT``."""
 
-    name: str  #: what users type
-    ending: str  #: the end of a file's name, with the dot
+    name: str  #: name that users type
+    ending: str  #: end of a file's name, with the dot
     load: Callable[[Path, Mapping], Recording]
     save: Callable[[Recording, Path], list[Path]]  #: writes all files or none, and returns their paths
     keys: tuple[str, ...] = ()  #: keys that its mappings take, besides ``COMMON_KEYS``
-    companions: tuple[
-        str, ...
-    ] = ()  #: what the names of files with fixes and reference add to NAME; NAME.json maps them
+    #: Endings that files with fixes and with the reference add to NAME; the mapping NAME.json names these files.
+    companions: tuple[str, ...] = ()
     lacks: tuple[str, ...] = ()  #: names of ``PARTS`` that it has no place for
-    recognises: Callable[[Path], bool] = lambda path: True  #: asked where formats share an ending
-    distinctive: bool = True  #: False where most files of that ending are no recordings
+    recognises: Callable[[Path], bool] = lambda path: True  #: test of a file whose ending several formats share
+    distinctive: bool = True  #: whether most files with this ending are recordings
 
     @property
     def allowed_keys(self) -> tuple[str, ...]:
-        """Every key that a mapping of its files may have."""
+        """Keys that a mapping of its files may have."""
         return (*COMMON_KEYS, *self.keys)
 
     def beside(self, path: Path) -> tuple[Path, ...]:
-        """The files with fixes and reference that belong to ``path``; none where it holds them itself."""
+        """Return the files with fixes and reference that belong to ``path``; none if it holds them itself."""
         return tuple(path.with_name(f"{path.stem}{more}{path.suffix}") for more in self.companions)
 
     def __str__(self) -> str:
-        """Its name and files as help texts show them: "psins-imu (.imu)"."""
+        """Return its name and files as help texts show them, such as "psins-imu (.imu)"."""
         beside = [f"NAME{more}{self.ending}" for more in self.companions]
         more = f", with {', '.join(beside)} and NAME.json" if beside else ""
         return f"{self.name} ({self.ending}{more})"
@@ -53,7 +53,7 @@ def _has_spread(recording: Recording) -> bool:
     return gnss is not None and (gnss.pos_std is not None or gnss.vel_std is not None)
 
 
-#: Parts that not every recording has, and not every format has a place for.
+#: Parts that a recording may have, each with a test. Not every format has a place for them.
 PARTS: dict[str, Callable[[Recording], bool]] = {
     "fixes": lambda recording: recording.gnss is not None,
     "reference": lambda recording: recording.reference is not None,

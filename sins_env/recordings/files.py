@@ -1,4 +1,4 @@
-"""Finding, reading and writing recordings, by the ending of their names."""
+"""Finding, reading and writing of recordings. The ending of a name tells the format."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from sins_env.recordings.formats import FORMATS
 from sins_env.recordings.mapping import Mapping, read_mapping, to_mapping
 from sins_env.recordings.recording import Recording
 
-DATA_VARIABLE = "SINS_ENV_DATA"
+DATA_VARIABLE = "SINS_ENV_DATA"  #: environment variable with the folder in which recordings are sought, too
 
 
 def load(path: str | os.PathLike[str], *, format: str | None = None, mapping: Any = None, **settings: Any) -> Recording:
-    """The recording at ``path`` or, failing that, at ``$SINS_ENV_DATA/path``; each file is read once.
+    """Read the recording at ``path`` or, failing that, at ``$SINS_ENV_DATA/path``. A file is read once and then kept.
 
     Args:
         path: a file of any format in ``FORMATS``, or a mapping (``.json``) that names one.
-        format: one of ``FORMATS``; None is what the ending says.
-        mapping: a mapping's path, or its keys; None is NAME.json beside a KF-GINS text or a CSV, if it is there.
+        format: one of ``FORMATS``; None takes that of the ending.
+        mapping: path of a mapping, or its keys; None takes NAME.json beside a KF-GINS text or a CSV, if there is one.
         settings: single keys of the mapping, which replace those of ``mapping``: ``axes="FRD"``, ``resample_hz=100.0``,
             ``drop_duplicates=True``, ``velocity_from_positions=True``, ...
 
     Raises:
-        FileNotFoundError: no such file; says where it was sought and the nearest name there.
-        ValueError: a file that is not a recording, naming the file, what is wrong, and the sample or line.
+        FileNotFoundError: no such file; the error says where it was sought, and the nearest name there.
+        ValueError: a file that is no recording; the error has the file, what is wrong, and the sample or line.
     """
     found = _find(Path(path)).resolve()
     data, kind, given = _with_mapping(found, format, mapping)
@@ -47,7 +47,7 @@ def load(path: str | os.PathLike[str], *, format: str | None = None, mapping: An
 
 
 def _with_mapping(found: Path, format: str | None, mapping: Any) -> tuple[Path, str, dict[str, Any]]:
-    """The file with the data, its format, and the keys of its mapping."""
+    """Return the file with the data, its format, and the keys of its mapping."""
     if format is not None:
         choice("format", format, FORMATS)
     data, given = found, {}
@@ -75,10 +75,10 @@ def _with_mapping(found: Path, format: str | None, mapping: Any) -> tuple[Path, 
 
 
 def format_of(path: Path) -> str:
-    """The format that the ending of a name says; where formats share one, that which recognises the file.
+    """Return the format of a name's ending. If formats share the ending, it is the one that recognises the file.
 
     Raises:
-        ValueError: an ending that is none, or a file that several formats, or none of them, take for theirs.
+        ValueError: an ending of no format, or a file that none of several formats recognises, or more than one.
     """
     alike = [format for format in FORMATS.values() if path.suffix.lower() == format.ending]
     found = [format for format in alike if len(alike) == 1 or (path.is_file() and format.recognises(path))]
@@ -114,7 +114,7 @@ def _find(path: Path) -> Path:
 
 @lru_cache(maxsize=8)
 def _load(path: Path, kind: str, mapping: str, stamps: tuple[int, ...]) -> Recording:
-    """``stamps`` are part of the key: a file that has changed is read again."""
+    """Read a recording, or return it from the cache; ``stamps``, times of change, let a changed file be read again."""
     recording = FORMATS[kind].load(path, to_mapping(json.loads(mapping), str(path)))
     check_plausible(path, recording.rate_hz, recording.dtheta, recording.dvel)
     return recording
@@ -123,14 +123,15 @@ def _load(path: Path, kind: str, mapping: str, stamps: tuple[int, ...]) -> Recor
 def save(
     recording: Recording, path: str | os.PathLike[str], *, format: str | None = None, overwrite: bool = False
 ) -> list[Path]:
-    """Write a recording in the format that the ending says, or ``format``; the files written.
+    """Write a recording in the format of the ending, or in ``format``, and return the paths of the files.
 
-    They appear only when all are whole. :func:`left_out` says what the format has no place for.
+    The files appear only when all are whole. :func:`left_out` names the parts that the format has no place for.
 
     Raises:
         ValueError: no such format.
-        FileExistsError: a file is there and ``overwrite`` is not set.
-        OSError: it cannot be written; nothing has changed then.
+        FileNotFoundError: no such directory.
+        FileExistsError: a file that is there already, without ``overwrite``.
+        OSError: files that cannot be written; nothing has changed then.
     """
     where = Path(path)
     kind = format or format_of(where)
@@ -151,6 +152,6 @@ def _targets(recording: Recording, path: Path, kind: str) -> list[Path]:
 
 
 def left_out(recording: Recording, format: str) -> list[str]:
-    """Parts of a recording that a format has no place for, in words."""
+    """Name the parts of a recording that a format has no place for."""
     lacks = FORMATS[format].lacks
     return [part for part, has in PARTS.items() if part in lacks and has(recording)]

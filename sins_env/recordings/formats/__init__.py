@@ -1,7 +1,8 @@
-"""File formats, one module each: a file becomes a :class:`sins_env.recordings.Recording`, and a recording becomes a file.
+"""File formats, one module each.
 
-A module here makes its ``FORMAT``; every list of formats and every help text is made from these. Read ``npz``, the
-package's own, then ``csv_files``, ``kfgins``, ``psins_imu``, ``psins_mat``.
+A file and a mapping come in and a :class:`sins_env.recordings.Recording` goes out, or the other way round. A module makes
+its ``FORMAT``; lists of formats and help texts are made from these. Read ``npz``, which has the package's own format,
+then ``csv_files``, ``kfgins``, ``psins_imu``, ``psins_mat``.
 """
 
 from __future__ import annotations
@@ -12,5 +13,5 @@ import pkgutil
 from sins_env.recordings.file_format import Format
 
 _MODULES = (importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__))
-#: Every format by its name, in the order of the names.
+#: Formats by name, in alphabetical order.
 FORMATS: dict[str, Format] = {name: one for name, one in sorted((m.FORMAT.name, m.FORMAT) for m in _MODULES)}

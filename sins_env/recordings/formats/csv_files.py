@@ -1,4 +1,4 @@
-"""CSV files of any columns, as a mapping file tells (:mod:`sins_env.recordings.mapping`). Fields are not quoted."""
+"""CSV files with any columns, which a mapping names (:mod:`sins_env.recordings.mapping`). Fields are not quoted."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sins_env.recordings.mapping import Mapping, companion
 from sins_env.recordings.recording import Gnss, Recording, Reference
 from sins_env.recordings.text import Style, header, read_table, write_files
 
-FRAMES = ("ENU", "NED")
+FRAMES = ("ENU", "NED")  #: allowed frames of vectors
 _IMU_KEYS = ("time", "gyro", "accel")
 _FIX_KEYS = ("file", "time", "position", "velocity", "position_std", "velocity_std")
 _REFERENCE_KEYS = ("file", "time", "attitude", "velocity", "position")
@@ -29,16 +29,16 @@ _REFERENCE_KEYS = ("file", "time", "attitude", "velocity", "position")
 
 @dataclass(frozen=True)
 class _Part:
-    """Some columns of a file, as one object of the mapping names them."""
+    """Columns of a file that one object of the mapping names."""
 
     path: Path
     delimiter: str
     has_header: bool | None
-    spec: dict[str, Any]  #: by field: {"columns": [...], "unit": ...}
+    spec: dict[str, Any]  #: description of each field, {"columns": [...], "unit": ...}
 
     @cached_property
     def _columns(self) -> dict[str, list[int]]:
-        """Places of the columns, from 0."""
+        """Places of the columns of each field, counted from 0."""
         names = header(self.path, Style(delimiter=self.delimiter))
         names = [name.strip("\"' ") for name in names]
         found: dict[str, list[int]] = {}
@@ -67,7 +67,7 @@ class _Part:
         return wanted, read_table(self.path, None, style, wanted)
 
     def __getitem__(self, field: str) -> Array:
-        """(n, columns) of a field."""
+        """Return the columns of a field, (n, columns)."""
         wanted, table = self.table
         return table.rows[:, [wanted.index(place) for place in self._columns[field]]]
 
@@ -81,7 +81,7 @@ class _Part:
         return allowed[given]
 
     def enu(self, field: str) -> Array | None:
-        """Vectors in East-North-Up."""
+        """Return the vectors of a field in East-North-Up, (n, 3); None if the file has none."""
         if field not in self.spec:
             return None
         frame = self.spec[field].get("frame")
@@ -90,7 +90,7 @@ class _Part:
         return swap_ned(self[field]) if frame == "NED" else self[field]
 
     def time(self) -> Array:
-        """s; ascending."""
+        """Return the stamps, s, which must ascend."""
         t = self["time"][:, 0] * self.unit("time", column_units.TIME, "s")
         check_increasing(str(self.path), "time", self.place, t)
         return t
@@ -101,7 +101,7 @@ class _Part:
 
 
 def _part(path: Path, mapping: Mapping, whose: str, given: Any, keys: tuple[str, ...], counts: dict[str, Any]) -> _Part:
-    """An object of the mapping, checked. ``counts``: how many columns each field has, those that must be there first."""
+    """Check an object of the mapping. ``counts`` has the allowed numbers of columns of each field, and if it is needed."""
     if not isinstance(given, dict):
         raise checks.refused(f"{whose} of the mapping of {path.name}", given, f"an object of {', '.join(keys)}")
     for key in given:
@@ -130,7 +130,12 @@ def _part(path: Path, mapping: Mapping, whose: str, given: Any, keys: tuple[str,
 
 
 def load(path: Path, mapping: Mapping) -> Recording:
-    """The columns that the mapping names; without a column of times, samples follow each other at ``rate_hz``."""
+    """Read the columns that the mapping names. Without a column of times, samples follow each other at ``rate_hz``.
+
+    Raises:
+        ValueError: a mapping that lacks axes, columns, units or times, or a table of the wrong form.
+        FileNotFoundError: no such file beside it.
+    """
     if mapping.axes is None:
         raise ValueError(f"{path}: no axes; allowed: a mapping with axes, columns and units, {path.stem}.json")
     given = {key: getattr(mapping, key) for key in _IMU_KEYS if getattr(mapping, key) is not None}
@@ -162,7 +167,10 @@ def _gnss(path: Path, mapping: Mapping) -> Gnss:
 
 
 def _reference(path: Path, mapping: Mapping, turn: Array) -> Reference:
-    """Heading, pitch, roll, or a quaternion (scalar first) of the file's axes to East-North-Up or North-East-Down."""
+    """Read the reference. Its attitude is heading, pitch and roll, or a quaternion, scalar first.
+
+    The quaternion turns the file's axes into East-North-Up or North-East-Down.
+    """
     three = {"velocity": ((3,), 0), "position": ((3,), 0)}
     given = mapping.reference
     part = _part(
@@ -189,7 +197,10 @@ def _reference(path: Path, mapping: Mapping, turn: Array) -> Reference:
 def save(recording: Recording, path: Path) -> list[Path]:
     """Write NAME.csv, NAME_gnss.csv and NAME_reference.csv, and the mapping NAME.json that reads them.
 
-    Right-Forward-Up, East-North-Up, SI: every number comes back with its bits.
+    They are Right-Forward-Up, East-North-Up and SI, so that every number comes back with its bits. Returns the paths.
+
+    Raises:
+        OSError: files that cannot be written.
     """
     here = np.flatnonzero(~recording.missing)
     t = recording.t0 + (here + 1) / recording.rate_hz
@@ -237,12 +248,12 @@ def _xyz(name: str) -> tuple[str, ...]:
 
 
 def _table(path: Path, names: tuple[str, ...], *columns: Array) -> tuple[Path, str, Array]:
-    """Path, header and format of a row, rows."""
+    """Return path, header with the format of a row, and rows of a table."""
     return path, ",".join(names) + "\n" + ",".join(["%r"] * len(names)), np.column_stack(columns)
 
 
 def _companion(path: Path, t: Array, *fields: Any) -> tuple[dict[str, Any], tuple[Path, str, Array]]:
-    """The object of the mapping, and the table, of the fields that are there."""
+    """Return the object of the mapping, and the table, for the fields that the recording has."""
     there = [field for field in fields if field[3] is not None]
     spec = {name: {"columns": list(columns), **more} for name, columns, more, _ in there}
     names = ("t", *(column for _, columns, _, _ in there for column in columns))

@@ -1,6 +1,6 @@
 """KF-GINS text files: IMU increments, GNSS fixes, truth.
 
-As its README (section 2.2) and loaders (``src/fileio``, i2Nav-WHU/KF-GINS at 079e59c) have them, rows of numbers
+The README of i2Nav-WHU/KF-GINS at 079e59c (section 2.2) and its loaders (``src/fileio``) define them. Numbers in a row are
 separated by spaces, tabs or commas:
 
     IMU    seconds of week; 3 angle increments rad; 3 velocity increments m/s [; odometer m/s]; axes Forward-Right-Down
@@ -10,8 +10,8 @@ separated by spaces, tabs or commas:
     truth  week (0 in what KF-GINS writes); seconds of week; latitude, longitude deg; height m; velocity North, East,
            Down m/s; roll, pitch, yaw deg, yaw clockwise from north, turned yaw, pitch, roll (``src/common/rotation.h``)
 
-A stamp ends its increments. The files know each other by a mapping (``gnss``, ``reference``), which also has the lever
-arm that KF-GINS keeps in its configuration (``antlever``, Forward-Right-Down).
+A stamp lies at the end of its increments. A mapping joins the files (``gnss``, ``reference``). It also has the lever arm,
+which KF-GINS keeps in its configuration (``antlever``, Forward-Right-Down).
 """
 
 from __future__ import annotations
@@ -33,16 +33,21 @@ from sins_env.recordings.text import Style, header, read_table, write_files
 
 AXES = "FRD"
 IMU_COLUMNS, GNSS_COLUMNS, TRUTH_COLUMNS = (7, 8), (7, 13), (11,)
-POS_STD_M, VEL_STD_MPS = 1.0, 0.1  #: written where a recording knows none
+POS_STD_M, VEL_STD_MPS = 1.0, 0.1  #: standard deviations that are written if a recording has none
 
 
 def has_increments(path: Path) -> bool:
-    """Whether the first row has as many numbers as one of increments."""
+    """Return whether the first row has as many numbers as a row of increments."""
     return len(header(path, Style())) in IMU_COLUMNS
 
 
 def load(path: Path, mapping: Mapping) -> Recording:
-    """Increments of one file, with the fixes and the truth that the mapping names; the site is the first fix."""
+    """Read the increments of a file, with the fixes and the truth that the mapping names; the site is the first fix.
+
+    Raises:
+        ValueError: a table of the wrong form, or no place on the Earth.
+        FileNotFoundError: no such file beside it.
+    """
     table = read_table(path, IMU_COLUMNS)
     turn = to_rfu(mapping.axes or AXES)
     rows = table.rows
@@ -87,9 +92,12 @@ def _truth(path: Path) -> Reference:
 
 
 def save(recording: Recording, path: Path) -> list[Path]:
-    """Write NAME.txt, NAME_gnss.txt and NAME_truth.txt where there is something to write, and their mapping NAME.json.
+    """Write NAME.txt, NAME_gnss.txt and NAME_truth.txt, if they have contents, and their mapping NAME.json.
 
-    Increments keep their bits; times are written to the nanosecond, positions to 1e-12 deg.
+    Increments keep their bits; times are written to the nanosecond, positions to 1e-12 deg. Returns the paths.
+
+    Raises:
+        OSError: files that cannot be written.
     """
     here = np.flatnonzero(~recording.missing)
     t = recording.t0 + (here + 1) / recording.rate_hz
@@ -126,7 +134,7 @@ def _gnss_rows(gnss: Gnss) -> tuple[str, Array]:
 
 
 def _truth_rows(ref: Reference, parked: Array) -> tuple[str, Array]:
-    """A reference without velocity and position stands still at its site."""
+    """Return format and rows of the truth; a reference without velocity and position stands still at its site."""
     count = len(ref.t_s)
     heading, pitch, roll = np.degrees(heading_pitch_roll(ref.q_nb)).T
     pos = np.broadcast_to(parked, (count, 3)) if ref.pos is None else ref.pos

@@ -1,7 +1,7 @@
-"""NPZ files: two layouts of other people's recordings, recognised by their keys, and the package's own.
+"""NPZ files: two foreign layouts, recognised by their keys, and the package's own.
 
-``LAYOUTS`` names what each foreign layout must hold and along which axes its sensors lie. The package's own
-(:func:`save`) holds a :class:`Recording` as it is in memory, so that it comes back with the same bits.
+``LAYOUTS`` has the axes and the keys of each foreign layout. The package's own layout (:func:`save`) holds a
+:class:`Recording` as it is in memory, so that it comes back with the same bits.
 """
 
 from __future__ import annotations
@@ -25,8 +25,10 @@ from sins_env.recordings.text import replacing
 
 
 class Layout(NamedTuple):
-    axes: str  #: where the file's x, y, z point: one letter each of R L F B U D
-    keys: tuple[str, ...]
+    """A foreign layout of an NPZ file."""
+
+    axes: str  #: directions of the file's x, y, z, one letter each of R L F B U D
+    keys: tuple[str, ...]  #: keys that it must have
 
 
 LAYOUTS = {
@@ -46,12 +48,16 @@ LAYOUTS = {
     ),
     "increments": Layout("BRU", ("fs_hz", "imu_t_s", "dtheta_rad", "dvel_mps", "gnss_llh_deg_m")),
 }
-OWN = "sins_env_recording"  #: the key that marks the package's own files; its value is the version
+OWN = "sins_env_recording"  #: key that marks the package's own files; its value is the version
 VERSION = 1
 
 
 def load(path: Path, mapping: Mapping) -> Recording:
-    """The recording in an NPZ file of any layout."""
+    """Read an NPZ file of any layout.
+
+    Raises:
+        ValueError: no readable NPZ file, no known layout, or an array of the wrong form.
+    """
     file = _File(path)
     if OWN in file.arrays:
         return _own(file, mapping)
@@ -66,7 +72,7 @@ def load(path: Path, mapping: Mapping) -> Recording:
 
 
 class _File:
-    """The arrays of an NPZ file, each checked when it is asked for."""
+    """The arrays of an NPZ file, each checked on demand."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -87,7 +93,7 @@ class _File:
         return value
 
     def array(self, key: str, shape: tuple[int | None, ...]) -> Array:
-        """The array as float64; ``None`` in the shape stands for any length from 1."""
+        """Return an array as float64; ``None`` in the shape stands for any length from 1 on."""
         if key not in self.arrays:
             raise ValueError(f"{self.path}: {key} is missing; keys there: {', '.join(self.arrays)}")
         raw = self.arrays[key]
@@ -118,12 +124,12 @@ class _File:
 
 
 def sample(i: int) -> str:
-    """Where a row of an array stands."""
+    """Return the place of a row of an array, for errors."""
     return f"sample {i}"
 
 
 def _counts(file: _File, axes: str, mapping: Mapping) -> Recording:
-    """Pulse counts on a uniform clock, a nominal site, no GNSS."""
+    """Read the layout with pulse counts on a uniform clock, at a nominal site, without GNSS."""
     turn = to_rfu(axes)
     counts = file.array("gyro_counts", (None, 3))
     dtheta = counts @ turn.T * file.scalar("gyro_lsb_rad", positive=True)
@@ -137,7 +143,7 @@ def _counts(file: _File, axes: str, mapping: Mapping) -> Recording:
 
 
 def _increments(file: _File, axes: str, mapping: Mapping) -> Recording:
-    """Tagged increments with GNSS; the site is the first fix."""
+    """Read the layout with stamped increments and GNSS; the site is the first fix."""
     turn, rate = to_rfu(axes), file.scalar("fs_hz", positive=True)
     tags = file.array("imu_t_s", (None,))
     dtheta, dvel = (turned(file.array(key, (len(tags), 3)), turn) for key in ("dtheta_rad", "dvel_mps"))
@@ -152,7 +158,7 @@ def _increments(file: _File, axes: str, mapping: Mapping) -> Recording:
 
 
 def _displacements(file: _File) -> Displacements | None:
-    """The package's own files have the same keys; what does not name its span covers a second."""
+    """Read displacements, whose keys all layouts share; without a span they cover a second."""
     if "tdcp_t_imu_s" not in file.arrays:
         return None
     t = file.times("tdcp_t_imu_s")
@@ -173,7 +179,7 @@ def _reference(file: _File, turn: Array) -> Reference | None:
 
 
 def _own(file: _File, mapping: Mapping) -> Recording:
-    """What :func:`save` wrote, bit for bit."""
+    """Read the package's own layout, bit for bit what :func:`save` wrote."""
     version = file.scalar(OWN)
     if version != VERSION:
         raise ValueError(f"{file.path}: {OWN} = {version:g}; allowed: {VERSION}")
@@ -221,13 +227,17 @@ def _own(file: _File, mapping: Mapping) -> Recording:
 
 
 def _in_range(file: _File, key: str, llh: Array) -> Array:
-    """Positions in rad as they are, if they are some."""
+    """Return positions, latitude and longitude in rad, unchanged after a check of their range."""
     geodetic(file.path, key, sample, llh, 1.0)
     return llh
 
 
 def save(recording: Recording, path: Path) -> list[Path]:
-    """Write the package's own layout; nothing is left out."""
+    """Write the package's own layout, which leaves nothing out. Returns the path.
+
+    Raises:
+        OSError: a file that cannot be written.
+    """
     here = np.flatnonzero(~recording.missing)
     gnss, ref = recording.gnss, recording.reference
     arrays: dict[str, Any] = {

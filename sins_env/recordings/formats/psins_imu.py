@@ -1,15 +1,15 @@
 """PSINS text files (Yan Gongmin's toolbox): ``.imu``, counts and no fixes.
 
-Found in WangShanpeng/PSINS at c1706f1. ``base/io/imufile.m``: a ``.imu`` file is text, not binary. Lines that begin
-with % are comments, the first of which names PSINS and SIMU; then three rows of six numbers
+The form is that of ``base/io/imufile.m`` in WangShanpeng/PSINS at c1706f1: a ``.imu`` file is text, not binary. Lines that
+begin with % are comments, and the first names PSINS and SIMU. Then follow three rows of six numbers
 
     pitch, roll, yaw deg ("maybe inaccurate"); velocity East, North, Up m/s
     latitude, longitude deg; height m; t0 s; sample interval ms; g m/s^2
     arcsec per count of three gyros; ug s per count of three accelerometers, with that g
 
-and rows of six whole counts, Right-Forward-Up; sample k ends at t0 + k dt. A seventh column (0 in the three rows above)
-is what the stamps' steps exceed dt by; the file's own comment says milliseconds, the code that writes and reads it
-microseconds, and so does this. Initial attitude and velocity are not read.
+and rows of six whole counts, Right-Forward-Up. Sample k ends at t0 + k dt. A seventh column, 0 in the three rows above,
+is the excess of a step between stamps over dt. It is in microseconds, as in the code of PSINS that writes and reads it;
+the comment in the file says milliseconds. Initial attitude and velocity are not read.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ from sins_env.recordings.text import Style, read_table, replacing, write_rows
 from sins_env.units import ARCSEC
 
 AXES = "RFU"
-G = 9.780327  #: m/s^2, as PSINS prints its glv.g0
-GYRO_LSB_ARCSEC, ACCEL_LSB_UG_S = 1e-4, 1e-2  #: of files written: 5e-10 rad and 1e-7 m/s, far below any sensor's pulses
+G = 9.780327  #: the value of glv.g0 that PSINS prints, m/s^2
+#: Weights of a count in files that are written: 5e-10 rad and 1e-7 m/s, far below the pulses of any sensor.
+GYRO_LSB_ARCSEC, ACCEL_LSB_UG_S = 1e-4, 1e-2
 _STYLE = Style(comment="%")
 
 _HEADER = """% PSINS-format SIMU log file. (DO NOT MODIFY!)
@@ -51,14 +52,18 @@ _HEADER = """% PSINS-format SIMU log file. (DO NOT MODIFY!)
 
 
 def names_itself(path: Path) -> bool:
-    """Whether the first line says PSINS and SIMU."""
+    """Return whether the first line says PSINS and SIMU."""
     with path.open("rb") as stream:
         first = stream.readline(200)
     return b"PSINS" in first and b"SIMU" in first
 
 
 def load(path: Path, mapping: Mapping) -> Recording:
-    """Counts of a ``.imu`` file; no fixes, no reference."""
+    """Read the counts of a ``.imu`` file, which has no fixes and no reference.
+
+    Raises:
+        ValueError: a file of another form, or numbers out of range.
+    """
     if not names_itself(path):
         raise ValueError(f"{path}: line 1 does not say PSINS and SIMU; allowed: a PSINS-format SIMU log")
     table = read_table(path, (6, 7), _STYLE)
@@ -86,7 +91,13 @@ def load(path: Path, mapping: Mapping) -> Recording:
 
 
 def save(recording: Recording, path: Path) -> list[Path]:
-    """Write counts, the remainder of each sum carried on; fixes and reference have no place here."""
+    """Write counts, with the rest of a count carried to the next sample. Returns the path.
+
+    Fixes and reference have no place here.
+
+    Raises:
+        OSError: a file that cannot be written.
+    """
     here = np.flatnonzero(~recording.missing)
     lsb = np.array([GYRO_LSB_ARCSEC * ARCSEC] * 3 + [ACCEL_LSB_UG_S * 1e-6 * G] * 3)
     sums = np.rint(np.cumsum(np.hstack([recording.dtheta[here], recording.dvel[here]]), axis=0) / lsb)

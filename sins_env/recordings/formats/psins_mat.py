@@ -1,13 +1,15 @@
 """PSINS MATLAB files (Yan Gongmin's toolbox): ``.mat``, the variables that its scripts load.
 
-Found in WangShanpeng/PSINS at c1706f1. ``imu`` (n, 7) holds angle increments rad, velocity increments m/s, time s
-(``base/imu/imuresample.m``: the interval ends there). ``avp`` (m, 10) holds pitch, roll, yaw rad, velocity East, North, Up,
-latitude, longitude rad, height m, time. ``gps`` (l, 7) holds velocity, position, time, or (l, 4) position, time
-(``base/base1/gpsidx.m``). All may be in a struct ``trj`` of ``imu``, ``avp``, ``avp0``, ``ts`` (``base/io/trjfile.m``). Yaw is
-counter-clockwise from north (``base/base0/a2mat.m``, whose Cnb takes body vectors to n; its comment says the reverse).
+The variables are those of WangShanpeng/PSINS at c1706f1:
 
-Written besides, and read back: ``att`` (m, 4) pitch, roll, yaw, time for a reference that is attitude only, ``pos0``
-(3,), ``lever`` (3,) m.
+    imu (n, 7)    angle increments rad, velocity increments m/s, time s at their end (base/imu/imuresample.m)
+    avp (m, 10)   pitch, roll, yaw rad; velocity East, North, Up m/s; latitude, longitude rad, height m; time s
+    gps (l, 7)    velocity, position, time; or (l, 4) position, time (base/base1/gpsidx.m)
+    trj           a struct with imu, avp, avp0, ts (base/io/trjfile.m)
+
+Yaw is counter-clockwise from north: Cnb of ``base/base0/a2mat.m`` takes body vectors to n, although its comment says the
+reverse. Three more variables are written, and read back: ``att`` (m, 4) with pitch, roll, yaw and time for a reference
+of attitude alone, ``pos0`` (3,), and ``lever`` (3,) in m.
 """
 
 from __future__ import annotations
@@ -32,7 +34,11 @@ AXES = "RFU"
 
 
 def load(path: Path, mapping: Mapping) -> Recording:
-    """``imu`` and whatever of fixes and reference lies beside it."""
+    """Read ``imu``, with fixes and reference if the file has them.
+
+    Raises:
+        ValueError: no readable file, or a variable of the wrong form.
+    """
     file = _variables(path)
     imu = _matrix(path, file, "imu", (7,))
     turn = to_rfu(mapping.axes or AXES)
@@ -69,7 +75,7 @@ def load(path: Path, mapping: Mapping) -> Recording:
 
 
 def _start(path: Path, file: dict[str, Any]) -> Array | None:
-    """Latitude rad, longitude rad, height m where the file names them."""
+    """Return latitude rad, longitude rad and height m, (3,), of the start, if the file has them."""
     for name, last in (("pos0", None), ("avp0", 9)):
         if name in file:
             values = np.ravel(np.asarray(file[name], dtype=float))[:last][-3:]
@@ -78,7 +84,7 @@ def _start(path: Path, file: dict[str, Any]) -> Array | None:
 
 
 def _variables(path: Path) -> dict[str, Any]:
-    """The variables of a ``.mat`` file; those of ``trj`` where it is one of them."""
+    """Read the variables of a ``.mat`` file, and those in ``trj`` if there is one."""
     from scipy.io import loadmat  # slow to import
     from scipy.io.matlab import MatReadError
 
@@ -113,7 +119,13 @@ def _matrix(path: Path, file: dict[str, Any], name: str, columns: tuple[int, ...
 
 
 def save(recording: Recording, path: Path) -> list[Path]:
-    """Write ``imu``, ``ts``, ``pos0``, and ``gps``, ``avp`` or ``att``, ``lever`` where there is one."""
+    """Write ``imu``, ``ts``, ``pos0``, and ``gps``, ``avp`` or ``att``, ``lever`` if the recording has them.
+
+    Returns the path.
+
+    Raises:
+        OSError: a file that cannot be written.
+    """
     from scipy.io import savemat
 
     here = np.flatnonzero(~recording.missing)
