@@ -14,7 +14,7 @@ from sins_env.evaluation.play.executors import Runner, runner
 from sins_env.evaluation.play.playing import Job, lost_records
 from sins_env.evaluation.play.pool import Processes
 from sins_env.evaluation.play.records import Records
-from sins_env.evaluation.score.results import Results, summarise
+from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.speed.cost import Cost, measure_cost
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask, run_numbers, suite_hash
@@ -122,4 +122,4 @@ def extent(task: EvaluationTask, runs: int) -> tuple[float, float]:
     return public.epoch_s, runs * public.num_epochs * public.epoch_s
 
 
-__all__ = ["Report", "Results", "chunks", "evaluate", "extent", "summarise"]
+__all__ = ["Report", "Results", "chunks", "evaluate", "extent"]

@@ -13,9 +13,9 @@ from sins_env.evaluation.report.panel import Drawing, Panel, Task
 from sins_env.evaluation.report.svg import PAGE
 from sins_env.evaluation.score.metrics import success_profile
 from sins_env.evaluation.score.quantities import QUANTITIES
-from sins_env.evaluation.score.ranking import about
+from sins_env.evaluation.score.resampling import NO_INTERVAL, Interval
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show.columns import success_text
+from sins_env.evaluation.show.cells import success_text
 from sins_env.evaluation.show.error_figure import error_curve, size_of
 from sins_env.evaluation.show.numbers import angle, number
 from sins_env.units import ARCSEC, DEG
@@ -197,7 +197,7 @@ def _cost(task: Task) -> Drawing:
     relative = all(one.cost.ratio is not None for one in task.lines if one.cost)
     points = []
     for one in task.back_to_front:
-        cost, y, ci = _position(one, relative, scored)
+        cost, y, ci = _position(one, relative)
         if not (np.isfinite(cost) and np.isfinite(y) and y > 0):
             continue
         style, look = panel.style(one), task.looks.get(one.label)
@@ -215,55 +215,37 @@ def _cost(task: Task) -> Drawing:
     if len(best) > 1:
         x, y = np.array(best).T
         panel.axes.step(x, y, where="post", color=PAGE["ink"], linewidth=1, linestyle=(0, (2, 2)), zorder=1)
-    limit = _limit(task)
-    if scored and task.bound and limit is not None:
-        panel.axes.axhline(limit, **_bound_style(task.bound))
+    main = task.lines[0].main_score
+    if scored and task.bound:
+        panel.axes.axhline(main.bound, **_bound_style(task.bound))
     panel.axes.set(xscale="log", yscale="log")
     panel.axes.margins(x=0.12, y=0.1)
-    name, of_error = _error_name(task)
+    name, of_error = (main.name, main.unit) if _has_error(task.lines[0]) else ("heading spread", "deg")
     unit = "cost of a step / ckf" if relative else "time of a step, µs"
-    said = _best(task, lambda one: f"{number(_position(one, relative, scored)[0], 2)}, {_main(one)}" if scored else "")
+    said = _best(task, lambda one: f"{number(_position(one, relative)[0], 2)}, {_main(one)}" if scored else "")
     title = "Error against cost" if scored else "Spread against cost"
     told = f"{title}: {name} over the {unit}. {said}."
     caption = f"{name}{' with 95 % interval' if scored else ''}; dotted: the Pareto front"
     return Drawing(title, caption, panel.svg(title, told, xlabel=unit, ylabel=f"{name}, {of_error}"))
 
 
-def _position(one: Results, relative: bool, scored: bool) -> tuple[float, float, Array]:
-    """Cost, error in deg and its interval; NaN where it is not known."""
+def _position(one: Results, relative: bool) -> tuple[float, float, Interval]:
+    """Cost, error and its interval, or the heading's spread where alignment is not scored; NaN where it is not known."""
     cost = (one.cost.ratio if relative else one.cost.median_us) if one.cost else None
-    if one.summary.navigation is not None:
-        value, ci = _averaged(one, about(one.task))
-        return (np.nan if cost is None else cost), value, ci
-    value = one.summary.rms["U"] / 3600 if scored else one.summary.spread_deg
-    ci = np.array(one.summary.rms_ci["U"] if scored else (np.nan, np.nan)) / 3600
-    return (np.nan if cost is None else cost), value, ci
+    _, _, value, interval, _ = one.main_score
+    if not _has_error(one):
+        value, interval = one.summary.spread_deg, NO_INTERVAL
+    return (np.nan if cost is None else cost), value, interval
+
+
+def _has_error(one: Results) -> bool:
+    return one.summary.scored or one.summary.navigation is not None
 
 
 def _main(one: Results) -> str:
     """The main score with its unit."""
-    if one.summary.navigation is None:
-        return _shown(one)
-    name = about(one.task)
-    return f"{number(_averaged(one, name)[0])} {QUANTITIES[name].unit_name}"
-
-
-def _error_name(task: Task) -> tuple[str, str]:
-    """What the cost is held against, and its unit."""
-    one = task.lines[0]
-    if one.summary.navigation is not None:
-        quantity = QUANTITIES[about(one.task)]
-        return f"{quantity.name} error", quantity.unit_name
-    return ("azimuth RMS" if one.summary.scored else "heading spread"), "deg"
-
-
-def _limit(task: Task) -> float | None:
-    """The bound of the main score, in its unit."""
-    one = task.lines[0]
-    if one.summary.navigation is not None:
-        name = about(one.task)
-        return one.bound_means.get(name, np.nan) / QUANTITIES[name].unit
-    return float(task.bound.steady[2] / DEG) if task.bound else None
+    score = one.main_score
+    return _shown(one) if one.summary.navigation is None else f"{number(score.value)} {score.unit}"
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -13,10 +13,11 @@ from typing import NamedTuple
 from sins_env.evaluation.report.figures import drawings
 from sins_env.evaluation.report.panel import DASHES, Drawing, Look, Task
 from sins_env.evaluation.report.svg import LOOKS
-from sins_env.evaluation.report.tables import Cell, Failure, Row, failures_of, heads_of, rows_of, with_unit
+from sins_env.evaluation.report.tables import Failure, Row, failures_of, heads_of, page_columns, rows_of, with_unit
 from sins_env.evaluation.score import ranking
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show import columns, footer
+from sins_env.evaluation.show import footer
+from sins_env.evaluation.show.cells import Cell
 from sins_env.evaluation.show.templates import template
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Session, Store
@@ -110,8 +111,8 @@ def _section(
     failures = failures_of(group)
     runs = [len(one.records) for one in group]
     first = group[0].summary
-    main = next(column for column in columns.error_columns(group[0]) if column.main)
-    value, interval = main.cell(group[0])
+    main = page_columns(group)[0]
+    best = main.shown(group[0])
     digest, sessions = made
     return Section(
         anchor=anchor,
@@ -133,8 +134,10 @@ def _section(
         fewest=min(runs),
         most=max(runs),
         leaders=[one.label for rank, one in lines if rank == 1] if first.scored else [],
-        best=Cell(with_unit(value, main.unit), interval) if first.scored else Cell("-", "not scored: no reference"),
-        best_of=main.name if first.navigation is not None else "",
+        best=best._replace(value=with_unit(best.value, main.unit))
+        if first.scored
+        else Cell("-", "not scored: no reference"),
+        best_of=main.title if first.navigation is not None else "",
         digest=digest,
         sessions=sessions,
         task_navigates=first.navigation is not None,

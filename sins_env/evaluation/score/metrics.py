@@ -20,7 +20,15 @@ from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.score import navigation
 from sins_env.evaluation.score.consistency import Nees, chi2_quantile, consistency
 from sins_env.evaluation.score.navigation import Navigation
-from sins_env.evaluation.score.resampling import CONFIDENCE, NO_INTERVAL, SEED, Interval, median_interval, rms_intervals
+from sins_env.evaluation.score.resampling import (
+    CONFIDENCE,
+    NO_INTERVAL,
+    SEED,
+    Estimate,
+    Interval,
+    median_interval,
+    rms_intervals,
+)
 from sins_env.units import ARCSEC
 
 TOGETHER = 64  #: solvers that are resampled together: what fits into memory
@@ -48,8 +56,8 @@ def success_profile(records: Records, points: int = 80) -> tuple[Array, Array, A
     return out[0], out[1], out[2], out[3]
 
 
-def bound_ratio(records: Records, bound: Bound) -> dict[str, float]:
-    """RMS over runs and the steady state, over the bound's in the same epochs."""
+def bound_ratios(records: Records, bound: Bound) -> dict[str, float]:
+    """RMS over runs and the steady state over the bound's in the same epochs, by axis."""
     rms = np.sqrt(np.square(records.steady_rms).mean(axis=0))
     return _by_axis(rms / bound.steady[:3])
 
@@ -118,6 +126,16 @@ class Summary:
         return self.counts["any"]
 
     @property
+    def nees_of_all(self) -> tuple[Nees, ...]:
+        """NEES of all that is scored: of the attitude, in navigation of velocity and position with it."""
+        return self.nees if self.navigation is None else self.navigation.nees
+
+    @property
+    def nees_dof(self) -> int:
+        """What :attr:`nees_of_all` is on average where the covariance is right."""
+        return 3 if self.navigation is None else 9
+
+    @property
     def t_conv_from_switch_on_s(self) -> float:
         return self.t_conv_median_s + self.coarse_s
 
@@ -130,14 +148,9 @@ def failure_counts(records: Records) -> dict[str, int]:
     return counts
 
 
-def summarise(records: Records) -> Summary:
-    """All scores of a set of runs."""
-    return summarise_all([records])[0]
-
-
-def summarise_all(parts: Sequence[Records]) -> list[Summary]:
-    """Of each; together, those with the same number of runs share one bootstrap, which is several times faster."""
-    found: list[list[tuple[float, Interval]]] = [[] for _ in parts]
+def summaries(parts: Sequence[Records]) -> list[Summary]:
+    """Summarise every set of runs; sets of equal size share one bootstrap, which is several times faster."""
+    found: list[list[Estimate]] = [[] for _ in parts]
     for runs in {len(one) for one in parts}:
         same = [i for i, one in enumerate(parts) if len(one) == runs]
         for first in range(0, len(same), TOGETHER):
@@ -148,7 +161,7 @@ def summarise_all(parts: Sequence[Records]) -> list[Summary]:
     return [_summary(one, rms) for one, rms in zip(parts, found, strict=True)]
 
 
-def _summary(records: Records, steady: Sequence[tuple[float, Interval]]) -> Summary:
+def _summary(records: Records, steady: Sequence[Estimate]) -> Summary:
     c = records.criteria
     aligned = records.aligned_s
     median, interval = median_interval(aligned) if c.scored else (math.nan, NO_INTERVAL)
@@ -173,7 +186,7 @@ def _summary(records: Records, steady: Sequence[tuple[float, Interval]]) -> Summ
         counts=failure_counts(records),
         fallbacks=float(records.fallbacks.mean()),
         scored=c.scored,
-        navigation=navigation.summarise(records) if c.navigates else None,
+        navigation=navigation.navigation_scores(records) if c.navigates else None,
     )
 
 

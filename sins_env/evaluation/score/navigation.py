@@ -18,9 +18,7 @@ from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.score import resampling
 from sins_env.evaluation.score.consistency import Nees, consistency
 from sins_env.evaluation.score.quantities import QUANTITIES, Quantity, length, run_errors
-from sins_env.evaluation.score.resampling import Interval
-
-Estimate = tuple[float, Interval]  #: with its 95 % interval
+from sins_env.evaluation.score.resampling import Estimate
 
 RESAMPLES = 1000  #: of curves over time, which cost more than numbers
 SAMPLES = 100  #: times at which a curve is resampled
@@ -37,8 +35,8 @@ class Navigation:
     from_s: float  #: where the scored span begins, from switch-on
 
 
-def summarise(records: Records) -> Navigation:
-    """The scores; NaN without a reference or a history."""
+def navigation_scores(records: Records) -> Navigation:
+    """Work out the scores of navigation; they are NaN without a reference or a history."""
     c = records.criteria
     errors = {name: run_errors(records, name) for name in QUANTITIES}
     azimuth = errors["azimuth"][1]

@@ -20,11 +20,8 @@ from scipy import special
 from sins_env.arrays import Array
 from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.score import quantities, resampling
-from sins_env.evaluation.score.resampling import LEAST_RUNS, NO_INTERVAL, Interval
+from sins_env.evaluation.score.resampling import LEAST_RUNS, NO_INTERVAL, Estimate, Interval
 from sins_env.evaluation.score.results import Results
-
-Estimate = tuple[float, Interval]  #: with its 95 % interval
-
 
 _Z = float(special.ndtri(resampling.TAILS[1]))
 

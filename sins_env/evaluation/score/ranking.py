@@ -13,25 +13,16 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from sins_env.arrays import Array
+from sins_env.evaluation.score.headline import by_failures, headline
 from sins_env.evaluation.score.paired import Pairing, apart, common, difference_of_rates
 from sins_env.evaluation.score.quantities import run_errors
-from sins_env.evaluation.score.results import Results, summarise
-from sins_env.evaluation.tasks.task import EvaluationTask
-
-
-def about(task: EvaluationTask) -> str:
-    """Of the columns of a navigation task the one that stands for what ranks."""
-    main = headline(task)
-    return {"position": "position_h", "velocity": "velocity_h"}.get(main, main)
-
-
-FAILURES = "failures"
+from sins_env.evaluation.score.results import Results, summarise_together
 
 
 def ranked(results: Iterable[Results]) -> list[tuple[int, Results]]:
     """Solvers of one task with their ranks, the best first; where errors are not scored all tie, as they came."""
     given = list(results)
-    summarise(given)
+    summarise_together(given)
     if not all(one.summary.scored for one in given):
         return [(1, one) for one in given]
     lines = sorted(given, key=merit)
@@ -45,15 +36,6 @@ def ranked(results: Iterable[Results]) -> list[tuple[int, Results]]:
             leader = i
         ranks.append(leader + 1)
     return list(zip(ranks, lines, strict=True))
-
-
-def by_failures(task: EvaluationTask) -> bool:
-    return task.rank_by == FAILURES
-
-
-def headline(task: EvaluationTask) -> str:
-    """The quantity that a task is about, also where failures rank."""
-    return "azimuth" if by_failures(task) else task.rank_by
 
 
 def merit(one: Results) -> tuple[float, ...]:

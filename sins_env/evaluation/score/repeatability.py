@@ -29,6 +29,11 @@ class Repeatability(NamedTuple):
     interval: Interval  #: 95 %, BCa over runs, deg
 
 
+def shares_headings(task: EvaluationTask) -> bool:
+    """Whether runs of the task have headings in common, so that their spread tells something."""
+    return task.windows > 1 or task.records > 1
+
+
 def repeatability(records: Records, task: EvaluationTask) -> list[Repeatability]:
     """Of each heading of the task in the order of its records, and last of all together: the root of the mean variance.
 

@@ -21,8 +21,8 @@ from sins_env.arrays import Array
 #: Fewer common runs tell nothing apart: of five, chance puts one solver ahead in all more often than once in twenty.
 LEAST_RUNS = 6
 
-
 Interval = tuple[float, float]
+Estimate = tuple[float, Interval]  #: a value with its 95 % interval
 
 CONFIDENCE = 0.95
 NO_INTERVAL: Interval = (math.nan, math.nan)
@@ -139,7 +139,7 @@ def percentile_interval(drawn: Array) -> Interval:
     return float(low), float(high)
 
 
-def median_interval(values: Array) -> tuple[float, Interval]:
+def median_interval(values: Array) -> Estimate:
     """Median with its percentile-bootstrap interval; censored times are +inf. (R,).
 
     Not BCa: its acceleration comes from leaving out one run, which says nothing of a median.
@@ -147,12 +147,12 @@ def median_interval(values: Array) -> tuple[float, Interval]:
     return float(np.median(values)), percentile_interval(resampled_medians(values))
 
 
-def rms_interval(rms: Array) -> tuple[float, Interval]:
+def rms_interval(rms: Array) -> Estimate:
     """RMS across runs of each run's RMS, with a 95 % BCa interval: none for one run, a point for equal ones. (R,)"""
     return rms_intervals(rms[:, None])[0]
 
 
-def rms_intervals(rms: Array) -> list[tuple[float, Interval]]:
+def rms_intervals(rms: Array) -> list[Estimate]:
     """The same for every column of (R, c), in one go."""
     squares = np.square(rms)
     top = units_of(squares)

@@ -6,16 +6,30 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from sins_env.evaluation.bound import bounds
 from sins_env.evaluation.bound.bounds import Bound
 from sins_env.evaluation.play.records import Records
-from sins_env.evaluation.score.metrics import Summary, below_bound, bound_ratio, summarise_all
+from sins_env.evaluation.score.headline import headline, shown_headline
+from sins_env.evaluation.score.metrics import Summary, below_bound, bound_ratios, summaries
 from sins_env.evaluation.score.navigation import bound_means
+from sins_env.evaluation.score.quantities import QUANTITIES
 from sins_env.evaluation.score.repeatability import Repeatability, repeatability
+from sins_env.evaluation.score.resampling import NO_INTERVAL, Interval
 from sins_env.evaluation.speed.cost import Cost
 from sins_env.evaluation.tasks.task import EvaluationTask
+from sins_env.units import DEG
+
+
+class MainScore(NamedTuple):
+    """The error that a task is about, with its 95 % interval and its bound, in a unit for readers."""
+
+    name: str
+    unit: str
+    value: float
+    interval: Interval
+    bound: float  #: NaN without one
 
 
 @dataclass(frozen=True, repr=False)
@@ -33,7 +47,7 @@ class Results:
     @cached_property
     def summary(self) -> Summary:
         """Scores over the runs, with intervals."""
-        return summarise_all([self.records])[0]
+        return summaries([self.records])[0]
 
     @cached_property
     def bound(self) -> Bound | None:
@@ -46,12 +60,42 @@ class Results:
     @cached_property
     def bound_ratio(self) -> dict[str, float]:
         """RMS over the bound by axis; NaN without one."""
-        return bound_ratio(self.records, self.bound) if self.bound else dict.fromkeys("ENU", math.nan)
+        return bound_ratios(self.records, self.bound) if self.bound else dict.fromkeys("ENU", math.nan)
 
     @cached_property
     def bound_means(self) -> dict[str, float]:
         """The bound of each ARMSE of a navigation task, by name (quantities.py); empty without a bound."""
         return bound_means(self.records, self.bound) if self.bound and self.records.criteria.navigates else {}
+
+    @property
+    def headline_ratio(self) -> float:
+        """The error that a task is about over its bound: azimuth RMS, or ARMSE of the headline; NaN without a bound."""
+        if self.summary.navigation is None:
+            return self.bound_ratio["U"]
+        name = headline(self.task)
+        return self.summary.navigation.armse[name][0] / self.bound_means.get(name, math.nan)
+
+    @property
+    def main_score(self) -> MainScore:
+        """What tables show first and figures draw: azimuth RMS, or ARMSE of what a navigation task is about."""
+        s = self.summary
+        if s.navigation is None:
+            low, high = s.rms_ci["U"]
+            bound = float(self.bound.steady[2] / DEG) if self.bound else math.nan
+            return MainScore("azimuth RMS", "deg", s.rms["U"] / 3600, (low / 3600, high / 3600), bound)
+        name = shown_headline(self.task)
+        quantity = QUANTITIES[name]
+        value, (low, high) = s.navigation.armse[name]
+        bound = self.bound_means.get(name, math.nan) / quantity.unit
+        interval = low / quantity.unit, high / quantity.unit
+        return MainScore(f"{quantity.name} error", quantity.unit_name, value / quantity.unit, interval, bound)
+
+    @property
+    def spread(self) -> Repeatability:
+        """Standard deviation of the heading: within its groups where the task has records, else over all runs."""
+        if self.task.records:
+            return self.repeatability[-1]
+        return Repeatability("all", self.summary.spread_runs, self.summary.spread_deg, NO_INTERVAL)
 
     @cached_property
     def repeatability(self) -> list[Repeatability]:
@@ -73,10 +117,10 @@ class Results:
         return f"<Results of {self.label} on {self.task.name}: {len(self.records.run)} runs>"
 
 
-def summarise(results: Sequence[Results]) -> None:
+def summarise_together(results: Sequence[Results]) -> None:
     """Work out the summaries that are not known yet, all at once: several times faster than one after the other."""
     todo = [one for one in results if "summary" not in vars(one)]
-    for one, summary in zip(todo, summarise_all([one.records for one in todo]), strict=True):
+    for one, summary in zip(todo, summaries([one.records for one in todo]), strict=True):
         vars(one)["summary"] = summary  # where cached_property keeps it
 
 

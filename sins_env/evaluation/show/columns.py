@@ -1,134 +1,283 @@
-"""What tables say, in the words of all of them: numbers, intervals, columns of errors, and the lines below a table."""
+"""The one list of score columns. Terminal, Markdown, CSV, JSON and the HTML report iterate over COLUMNS.
+
+A new score is one entry: ``estimate(key, title, unit, value)`` is enough for a number with its interval, and shows it in all
+five forms. What such a score is worked out from are ``one.records`` and ``one.summary`` of the :class:`Results` of a solver.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
 
 from sins_env.evaluation.score.consistency import Nees
-from sins_env.evaluation.score.metrics import Summary
+from sins_env.evaluation.score.headline import by_failures, headline, shown_headline
+from sins_env.evaluation.score.navigation import Navigation
 from sins_env.evaluation.score.quantities import QUANTITIES
-from sins_env.evaluation.score.ranking import about, by_failures, headline
+from sins_env.evaluation.score.ranking import failure_rate
+from sins_env.evaluation.score.repeatability import shares_headings
+from sins_env.evaluation.score.resampling import Estimate
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show.numbers import angle, angle_interval, interval, number
+from sins_env.evaluation.show import cells
+from sins_env.evaluation.show.cells import Cell
 from sins_env.evaluation.tasks.task import EvaluationTask
 
 
-class Column(NamedTuple):
-    """Of errors: a value with its interval for each solver."""
+class Place(IntEnum):
+    """Where a column stands in a table, from left to right; those of one place keep their order in the list."""
 
-    name: str
-    unit: str
-    cell: Callable[[Results], tuple[str, str]]
-    main: bool = False  #: what the task is about
-    ranks: bool = False  #: orders the solvers besides: shown wherever there is room for anything
-
-
-def error_columns(one: Results) -> list[Column]:
-    """What a task's solvers are scored by; ``one`` is any of them."""
-    if one.summary.navigation is None:
-        return [_axial(name, axis) for name, axis in (("azimuth RMS", "U"), ("east RMS", "E"), ("north RMS", "N"))]
-    names = ("azimuth", "level", "position_h", "position_v", "velocity_h", "velocity_v")
-    columns = [_averaged(name, name == about(one.task)) for name in names]
-    if by_failures(one.task):
-        columns.insert(0, Column("median heading at the end", "deg", _median, ranks=True))
-    return columns
+    RUNS = 0
+    TIME = 1
+    RANKING = 2
+    ERRORS = 3
+    BOUND = 4
+    CONSISTENCY = 5
+    FAILURES = 6
+    COST = 7
+    SPREAD = 8
 
 
-def _axial(name: str, axis: str) -> Column:
-    def cell(one: Results) -> tuple[str, str]:
-        return angle(one.summary.rms[axis]), angle_interval(one.summary.rms_ci[axis])
-
-    return Column(name, '"', cell, axis == "U")
+TABLES = TERMINAL, MARKDOWN, PAGE = "terminal", "Markdown", "page"
 
 
-def _averaged(name: str, main: bool) -> Column:
-    quantity = QUANTITIES[name]
-    level = quantity.unit_name == "arcsec"
+@dataclass(frozen=True)
+class Column:
+    """One score of a solver, and how each form shows it."""
 
-    def cell(one: Results) -> tuple[str, str]:
-        assert one.summary.navigation is not None
-        value, ci = one.summary.navigation.armse[name]
-        ends = ci[0] / quantity.unit, ci[1] / quantity.unit
-        return (angle if level else number)(value / quantity.unit), (angle_interval if level else interval)(ends)
+    key: str
+    title: str = ""
+    unit: str = ""
+    place: Place = Place.ERRORS
+    cell: Callable[[Results], Cell] | None = None  #: None: it is in CSV and JSON only
+    tables: tuple[str, ...] = TABLES
+    markdown: str = ""  #: the heading in Markdown where it is another than title and unit
+    about: Callable[[Results], str] | None = (
+        None  #: what the page says in small type besides the title, instead of the unit
+    )
+    #: Alignment or navigation only. CSV has alignment scores of every task, JSON those that navigation does not replace.
+    navigates: bool | None = None
+    known: Callable[[Results], bool] = lambda one: True  #: a table has the column if any of its solvers has this
+    main: Callable[[EvaluationTask], bool] = lambda task: (
+        False
+    )  #: what the task is about; always shown, with its interval
+    ranks: Callable[[EvaluationTask], bool] = lambda task: False  #: orders the solvers besides; always shown
+    drop: int = 0  #: a narrow terminal leaves out 1 first; 0 never
+    part: str = ""  #: its name in the line that says what was left out; columns of one part go together
+    intervals: str = ""  #: whose intervals a narrow terminal leaves out before any column; empty: this one's stay
+    csv: tuple[str, ...] = ()  #: headings of its figures
+    figures: Callable[[Results], Sequence[Any]] = lambda one: ()
+    json: Callable[[Results], dict[str, Any]] = lambda one: {}  #: objects of one key are merged
 
-    return Column(quantity.name, '"' if level else quantity.unit_name, cell, main)
+    def holds(self, one: Results) -> bool:
+        """Whether CSV and JSON have the score for this solver's task."""
+        return not self.navigates or one.records.criteria.navigates
+
+    def shown(self, one: Results) -> Cell:
+        """What a table shows of the solver."""
+        assert self.cell is not None
+        return self.cell(one)
+
+    def stays(self, task: EvaluationTask) -> bool:
+        """Whether a table of the task has it at any width."""
+        return not self.drop or self.main(task) or self.ranks(task)
 
 
-def _median(one: Results) -> tuple[str, str]:
+def table_columns(group: Sequence[Results], form: str) -> list[Column]:
+    """The columns of a table of one task's solvers, from left to right."""
+    kinds = (None, group[0].records.criteria.navigates)
+    there = [one for one in COLUMNS if one.cell and form in one.tables and one.navigates in kinds]
+    return sorted((column for column in there if any(map(column.known, group))), key=lambda column: column.place)
+
+
+def data_columns(results: Sequence[Results]) -> list[Column]:
+    """The columns of CSV and JSON; those of navigation only where any of the tasks navigates."""
+    return [column for column in COLUMNS if any(map(column.holds, results))]
+
+
+def navigation(one: Results) -> Navigation:
+    """The scores of navigation of a solver whose task navigates."""
     assert one.summary.navigation is not None
-    value, ci = one.summary.navigation.median_azimuth
-    return number(math.degrees(value)), interval((math.degrees(ci[0]), math.degrees(ci[1])))
+    return one.summary.navigation
 
 
-def failure_text(summary: Summary) -> str:
-    """'2 diverged, 1 raised', or '0'."""
-    parts = [f"{count} {name}" for name, count in summary.counts.items() if count and name != "any"]
-    return ", ".join(parts) or "0"
+def finite(value: float) -> float | None:
+    """The value as JSON has it: null for what is not known or infinite."""
+    return value if math.isfinite(value) else None
 
 
-def nees_text(summary: Summary) -> tuple[str, bool | None]:
-    """Mean NEES at T over its expectation, and whether it is in its band; '-' and None: not scored."""
-    found, dof = nees_of(summary)
-    if not found:
-        return "-", None
-    last = found[-1]
-    return ("inf" if math.isinf(last.mean) else number(last.mean / dof)), last.inside
+def sign(unit: str) -> str:
+    """A unit as the terminal and Markdown show it."""
+    return '"' if unit == "arcsec" else unit
 
 
-def nees_of(summary: Summary) -> tuple[tuple[Nees, ...], int]:
-    """NEES of all that is scored, and its expectation: 3 of attitude, 9 with velocity and position."""
-    return (summary.nees, 3) if summary.navigation is None else (summary.navigation.nees, 9)
+def word(unit: str) -> str:
+    """A unit as part of a key: 'm/s' is 'm_per_s'."""
+    return unit.replace("/", "_per_")
 
 
-def bound_text(one: Results) -> tuple[str, bool | None]:
-    """The main score over its bound, in brackets over what is only a reference; whether that is too good; '-': none."""
-    text = number(bound_ratio(one))
-    return (f"({text})" if one.bound and not one.bound.holds else text), one.below_bound
+def estimate(key: str, title: str, unit: str, value: Callable[[Results], Estimate], **more: Any) -> Column:
+    """A score with its interval in ``unit``, in all forms; ``more`` is what is not usual about it."""
+
+    def figures(one: Results) -> tuple[float, ...]:
+        found, ends = value(one)
+        return (found, *ends)
+
+    def json(one: Results) -> dict[str, Any]:
+        found, *ends = figures(one)
+        return {name: finite(found), f"{key}_ci": [finite(end) for end in ends]}
+
+    name = f"{key}_{word(unit)}" if unit else key
+    usual: dict[str, Any] = {
+        "cell": lambda one: cells.estimate(value(one), unit), "drop": 9, "part": title, "intervals": "the other errors",
+        "csv": (name, f"{key}_low", f"{key}_high"), "figures": figures, "json": json,
+    }  # fmt: skip
+    return Column(key, title, unit, **{**usual, **more})
 
 
-def bound_ratio(one: Results) -> float:
-    """Of the azimuth RMS, or of the ARMSE that a navigation task is about; NaN without a bound."""
-    navigation, name = one.summary.navigation, headline(one.task)
-    if navigation is None:
-        return one.bound_ratio["U"]
-    return navigation.armse[name][0] / one.bound_means.get(name, math.nan)
+def _rms(axis: str, name: str, **more: Any) -> Column:
+    def value(one: Results) -> Estimate:
+        return one.summary.rms[axis], one.summary.rms_ci[axis]
+
+    def json(one: Results) -> dict[str, Any]:
+        rms, ends = value(one)
+        return {"rms": {axis: finite(rms)}, "rms_ci": {axis: [finite(end) for end in ends]}}
+
+    key = f"rms_{axis.lower()}"
+    return estimate(key, f"{name} RMS", "arcsec", value, navigates=False, json=json, **more)
 
 
-def cost_text(one: Results) -> str:
-    return number(one.cost.ratio, 2) if one.cost and one.cost.ratio is not None else "-"
+#: Of the errors of navigation that tables show: when a narrow terminal leaves them out, and what it calls them.
+_SHOWN = {
+    "azimuth": (9, "the other errors"), "level": (6, "level"),
+    "position_h": (9, "the other errors"), "position_v": (3, "vertical errors"),
+    "velocity_h": (7, "velocity"), "velocity_v": (3, "vertical errors"),
+}  # fmt: skip
 
 
-def has_spread(task: EvaluationTask) -> bool:
-    """Whether runs of the task have headings in common."""
-    return task.windows > 1 or task.records > 1
+def _armse(name: str) -> Column:
+    quantity = QUANTITIES[name]
+
+    def value(one: Results) -> Estimate:
+        found, (low, high) = navigation(one).armse[name]
+        return found / quantity.unit, (low / quantity.unit, high / quantity.unit)
+
+    def json(one: Results) -> dict[str, Any]:
+        found, ends = value(one)
+        told = {"armse": finite(found), "armse_ci": [finite(end) for end in ends], "armse_unit": quantity.unit_name}
+        return {key: {name: one_told} for key, one_told in told.items()}
+
+    drop, part = _SHOWN.get(name, (0, ""))
+    return estimate(
+        f"armse_{name}", quantity.name, quantity.unit_name, value, navigates=True, drop=drop, part=part, json=json,
+        main=lambda task: name == shown_headline(task), tables=TABLES if name in _SHOWN else (),
+    )  # fmt: skip
 
 
-def spread_of(one: Results) -> tuple[float, int]:
-    """Standard deviation of the heading, deg, at the same heading where there are records, and of how many runs."""
-    if one.task.records:
-        return one.repeatability[-1].deg, one.repeatability[-1].runs
-    return one.summary.spread_deg, one.summary.spread_runs
+def _figure(key: str, value: Callable[[Results], Any], json: bool = False) -> Column:
+    """A number of navigation tasks that no table shows: in CSV, and perhaps in JSON."""
+    told = (lambda one: {key: finite(value(one))}) if json else lambda one: {}
+    return Column(key, navigates=True, csv=(key,), figures=lambda one: (value(one),), json=told)
 
 
-def spread_text(one: Results) -> tuple[str, str]:
-    """Spread of the heading in degrees, and of how many runs where some have none; of records its interval."""
-    deg, runs = spread_of(one)
-    if one.task.records:
-        low, high = one.repeatability[-1].interval
-        return number(deg), "" if math.isnan(low) else f"{number(low)}–{number(high)}"
-    return number(deg), f"of {runs}" if runs < one.summary.runs else ""
+def _rms_of_span(name: str) -> Column:
+    unit = QUANTITIES[name].unit
+    return _figure(f"rms_{name}_{word(QUANTITIES[name].unit_name)}", lambda one: navigation(one).rms[name][0] / unit)
 
 
-def success_text(s: Summary) -> str:
-    return f"{100 * s.success:.0f} %" if s.scored else "-"
+def _over_bound(name: str) -> Column:
+    def value(one: Results) -> float:
+        return navigation(one).armse[name][0] / one.bound_means.get(name, math.nan)
+
+    return _figure(f"bound_ratio_{name}", value)
 
 
-def bound_heading(one: Results) -> str:
-    return "RMS / bound" if one.summary.navigation is None else "error / bound"
+def _median_heading(one: Results) -> Estimate:
+    value, (low, high) = navigation(one).median_azimuth
+    return math.degrees(value), (math.degrees(low), math.degrees(high))
 
 
-def bound_of(one: Results) -> str:
-    """What the bound's column is about."""
-    return "azimuth" if one.summary.navigation is None else QUANTITIES[headline(one.task)].name
+def _bound(title: str, about: Callable[[Results], str], **more: Any) -> Column:
+    return Column(
+        "bound_ratio", title, "", Place.BOUND, cells.bound_ratio, about=about, drop=5, part="bound",
+        known=lambda one: one.bound is not None, json=lambda one: {"bound_ratio": finite(one.headline_ratio)}, **more,
+    )  # fmt: skip
+
+
+def _bound_figures(one: Results) -> tuple[Any, ...]:
+    return (*one.bound_ratio.values(), bool(one.bound.holds) if one.bound else None, one.below_bound)
+
+
+def _nees(key: str, dof: int, found: Callable[[Results], tuple[Nees, ...]], navigates: bool) -> Column:
+    def figures(one: Results) -> tuple[Any, ...]:
+        return (found(one)[-1].mean / dof, found(one)[-1].inside) if found(one) else (None, None)
+
+    return Column(
+        f"{key}_over_{dof}", f"NEES / {dof}", "", Place.CONSISTENCY, lambda one: cells.nees(found(one), dof), drop=4,
+        part="NEES", known=lambda one: bool(found(one)), navigates=navigates, csv=(f"{key}_over_{dof}", f"{key}_in_band"),
+        figures=figures,
+    )  # fmt: skip
+
+
+def _times(one: Results) -> tuple[float, ...]:
+    s = one.summary
+    return (s.t_conv_median_s, *s.t_conv_ci_s, s.t_conv_restricted_mean_s)
+
+
+_COUNTS = ("diverged", "frozen", "raised", "lost", "repaired")
+
+#: Every score column, in the order of CSV and JSON.
+COLUMNS: list[Column] = [
+    Column(
+        "runs", "runs", "", Place.RUNS, cells.runs, tables=(MARKDOWN,),
+        csv=("runs",), figures=lambda one: (one.summary.runs,), json=lambda one: {"runs": one.summary.runs},
+    ),
+    Column(
+        "success", "aligned", "", Place.RUNS, cells.success, tables=(MARKDOWN,), csv=("success",),
+        figures=lambda one: (one.summary.success,), json=lambda one: {"success": finite(one.summary.success)},
+    ),
+    Column("aligned", "runs aligned", "", Place.RUNS, cells.aligned, tables=(TERMINAL, PAGE)),
+    Column(
+        "t_conv_median", "median time", "s", Place.TIME, cells.median_time, navigates=False, drop=6, part="median time",
+        csv=("t_conv_median_s", "t_conv_low_s", "t_conv_high_s", "t_conv_restricted_mean_s"), figures=_times,
+        json=lambda one: {"t_conv_median_s": finite(one.summary.t_conv_median_s)},
+    ),
+    _rms("E", "east", drop=3, part="east and north", intervals="east and north"),
+    _rms("N", "north", drop=3, part="east and north", intervals="east and north"),
+    _rms("U", "azimuth", place=Place.RANKING, main=lambda task: True),
+    _bound(
+        "RMS / bound", lambda one: "azimuth", navigates=False, figures=_bound_figures,
+        csv=("bound_ratio_e", "bound_ratio_n", "bound_ratio_u", "bound_holds", "below_bound"),
+    ),
+    _bound("error / bound", lambda one: QUANTITIES[headline(one.task)].name, navigates=True),
+    _nees("nees", 3, lambda one: one.summary.nees, navigates=False),
+    Column(
+        "spread", "heading spread", "°", Place.SPREAD, cells.spread, markdown="spread, deg",
+        known=lambda one: shares_headings(one.task), csv=("spread_deg", "spread_runs"),
+        figures=lambda one: (one.spread.deg, one.spread.runs),
+    ),
+    Column(
+        "failures", "failed", "", Place.FAILURES, cells.failures, about=lambda one: "runs", markdown="failures",
+        ranks=by_failures, drop=8, part="failures", csv=_COUNTS,
+        figures=lambda one: [one.summary.counts[name] for name in _COUNTS],
+        json=lambda one: {"failures": one.summary.failures},
+    ),
+    Column("fallbacks", csv=("fallbacks",), figures=lambda one: (one.summary.fallbacks,)),
+    Column(
+        "cost", "cost / ckf", "", Place.COST, cells.cost, drop=2, part="cost",
+        csv=("cost_us", "cost_p95_us", "cost_ratio"), figures=lambda one: one.cost or (None,) * 3,
+        json=lambda one: {"cost_ratio": one.cost.ratio if one.cost else None},
+    ),
+    *map(_armse, QUANTITIES),
+    *map(_rms_of_span, QUANTITIES),
+    *map(_over_bound, QUANTITIES),
+    estimate(
+        "median_heading", "median heading at the end", "deg", _median_heading, place=Place.RANKING, navigates=True,
+        known=lambda one: by_failures(one.task), ranks=by_failures, csv=("median_heading_deg",),
+        figures=lambda one: _median_heading(one)[:1],
+        json=lambda one: {"median_heading_deg": finite(_median_heading(one)[0])},
+    ),
+    _figure("failure_rate", failure_rate, json=True),
+    _nees("nees_all", 9, lambda one: one.summary.nees_of_all, navigates=True),
+]  # fmt: skip

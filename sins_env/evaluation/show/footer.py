@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from sins_env.evaluation.score.headline import by_failures, headline
 from sins_env.evaluation.score.metrics import Summary
 from sins_env.evaluation.score.quantities import QUANTITIES
-from sins_env.evaluation.score.ranking import by_failures
+from sins_env.evaluation.score.repeatability import shares_headings
 from sins_env.evaluation.score.resampling import LEAST_RUNS
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show.columns import bound_heading, bound_of, has_spread, nees_of
 from sins_env.evaluation.show.numbers import number
 from sins_env.evaluation.tasks.task import EvaluationTask
 
@@ -28,10 +28,9 @@ def footer(results: Sequence[Results]) -> str:
     if len(results) > 1 and fewest < LEAST_RUNS:
         more = "" if fewest == task.max_runs else ": --resume with more --runs adds to them"
         lines.append(f"Fewer than {LEAST_RUNS} runs tell no solvers apart{more}.")
-    if any(nees_of(one.summary)[0] for one in results):
-        dof = nees_of(s)[1]
+    if any(one.summary.nees_of_all for one in results):
         lines.append(
-            f"NEES / {dof} is 1 where the solver's covariance is right, 95 % band {_bands(results)}{_silent(results)}."
+            f"NEES / {s.nees_dof} is 1 where the solver's covariance is right, 95 % band {_bands(results)}{_silent(results)}."
         )
     lines += _bound_note(results)
     helped = [f"{one.label} {number(one.summary.fallbacks)}" for one in results if one.summary.fallbacks]
@@ -77,7 +76,9 @@ def _bound_note(results: Sequence[Results]) -> list[str]:
     bound = next((one.bound for one in results if one.bound), None)
     if bound is None:
         return []
-    text = f"{bound_heading(results[0])}: of the {bound_of(results[0])}, over the Cramér-Rao bound of estimators that know "
+    navigates = results[0].summary.navigation is not None
+    what, quantity = ("error", QUANTITIES[headline(results[0].task)].name) if navigates else ("RMS", "azimuth")
+    text = f"{what} / bound: of the {quantity}, over the Cramér-Rao bound of estimators that know "
     text += "nothing of the motion"
     lines = [text + ("." if bound.holds else "; in brackets, for it is only a reference here.")]
     below = [one.label for one in results if one.below_bound]
@@ -90,14 +91,15 @@ def _bound_note(results: Sequence[Results]) -> list[str]:
 
 def _silent(results: Sequence[Results]) -> str:
     """What '-' in the column means, where it stands there."""
-    none = any(not nees_of(one.summary)[0] for one in results)
+    none = any(not one.summary.nees_of_all for one in results)
     return "; -: the solver states no covariance" if none else ""
 
 
 def _bands(results: Sequence[Results]) -> str:
     """The band for each number of runs that has a NEES; of more than three the fewest and the most."""
-    known = [(found[-1], dof) for found, dof in (nees_of(one.summary) for one in results) if found]
-    bands = {last.runs: (last.band[0] / dof, last.band[1] / dof) for last, dof in known}
+    dof = results[0].summary.nees_dof
+    known = [one.summary.nees_of_all[-1] for one in results if one.summary.nees_of_all]
+    bands = {last.runs: (last.band[0] / dof, last.band[1] / dof) for last in known}
     runs = sorted(bands)
     kept = runs if len(runs) <= 3 else [runs[0], runs[-1]]
     return ", ".join(f"{bands[n][0]:.2f}–{bands[n][1]:.2f} for {n} run{'s' * (n > 1)}" for n in kept)
@@ -106,7 +108,7 @@ def _bands(results: Sequence[Results]) -> str:
 def _spread_note(results: Sequence[Results]) -> list[str]:
     if results[0].task.records:
         return ["Heading spread: standard deviation of the last heading's error at the same heading; 95 % intervals."]
-    if not has_spread(results[0].task):
+    if not shares_headings(results[0].task):
         return []
     less = any(one.summary.spread_runs < one.summary.runs for one in results)
     left = "; runs that raised, were lost or gave no attitude at the end have none" if less else ""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 from rich import box
 from rich.cells import cell_len
@@ -13,47 +12,17 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from sins_env.evaluation.score.metrics import Summary
-from sins_env.evaluation.score.ranking import by_failures, ranked
+from sins_env.evaluation.score.ranking import ranked
 from sins_env.evaluation.score.results import Results, by_task
-from sins_env.evaluation.show.columns import (
-    Column,
-    bound_heading,
-    bound_text,
-    cost_text,
-    error_columns,
-    failure_text,
-    has_spread,
-    nees_of,
-    nees_text,
-    spread_text,
-    success_text,
-)
+from sins_env.evaluation.show.cells import Cell
+from sins_env.evaluation.show.columns import TERMINAL, Column, sign, table_columns
 from sins_env.evaluation.show.footer import footer
-from sins_env.evaluation.show.numbers import seconds, seconds_interval
-
-
-@dataclass(frozen=True)
-class _Column:
-    """A column of the terminal's table."""
-
-    heading: str
-    cell: Callable[[int, Results], Text]  #: of rank and results
-    part: str = ""  #: by which it is left out where the terminal is narrow
-
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 MOST_NAME, MOST_SETTING = 60, 24  #: characters of a line below "solver", and of a setting
-#: What a narrow terminal does without, in this order, until the table fits.
-_LESS = ("intervals of east and north", "cost", "east and north", "NEES", "bound", "median time", "failures")
-_LESS_NAVIGATION = (
-    "intervals of the other errors", "cost", "vertical errors", "NEES", "bound", "level", "velocity", "failures",
-    "the other errors",
-)  # fmt: skip
-#: Of columns by name; "the other errors" where they are not here.
-_PARTS = {
-    "level": "level", "position, vertical": "vertical errors", "velocity, vertical": "vertical errors",
-    "velocity, horizontal": "velocity",
-}  # fmt: skip
+_INTERVALS = "intervals of "
+_STYLES = {"good": "green", "fair": "yellow", "bad": "red", "none": "dim"}
+_SHORT = {"horizontal": "hor.", "vertical": "vert.", "heading at the end": "heading"}
 
 
 def print_tables(results: Sequence[Results], console: Console) -> None:
@@ -69,96 +38,76 @@ def table(results: Sequence[Results], width: int = 100) -> RenderableType:
     and the lines below the table say which.
     """
     task, lines = results[0].task, ranked(results)
-    order = [part for part in _order(results) if part not in _absent(results)]
-    for less in range(len(order) + 1):
-        found, room = _table(lines, _columns(results, order[:less]), width)
-        if room >= max(_longest(one) for _, one in lines):
+    columns = table_columns(results, TERMINAL)
+    cells = [[column.shown(one) for _, one in lines] for column in columns]
+    order = dropping(columns, task)
+    for count in range(len(order) + 1):
+        less = order[:count]
+        kept = [
+            (_heading(column), [_text(cell, _has_interval(column, task, less)) for cell in found])
+            for column, found in zip(columns, cells, strict=True)
+            if column.stays(task) or column.part not in less
+        ]
+        found, room = _table(lines, kept, width)
+        if room >= max(longest_piece(one) for _, one in lines):
             break
     title = Text.assemble((task.name, "bold"), f"  {task.what}")
     notes = footer(results)
     if less:
-        left_out = ", ".join(_said(order[:less]))
+        gone = {_INTERVALS + part for part in less}  # intervals of what is left out itself
+        left_out = ", ".join(part for part in less if part not in gone)
         notes += f"\nLeft out in {width} columns: {left_out}; a wider terminal or board --md shows all."
     return Group(title, found, Text(notes, style="dim"))
 
 
-def _order(results: Sequence[Results]) -> tuple[str, ...]:
-    if results[0].summary.navigation is None:
-        return _LESS
-    ranks = by_failures(results[0].task)
-    return tuple(part for part in _LESS_NAVIGATION if not (ranks and part == "failures"))
+def dropping(columns: Sequence[Column], task: EvaluationTask) -> list[str]:
+    """What a narrow terminal does without, in this order, until the table fits: intervals, then parts of the table."""
+    intervals = [_INTERVALS + column.intervals for column in columns if column.intervals and not column.main(task)]
+    parts = [column.part for column in sorted(columns, key=lambda column: column.drop) if not column.stays(task)]
+    return list(dict.fromkeys(intervals + parts))
 
 
-def _absent(results: Sequence[Results]) -> set[str]:
-    """Columns that no line of the table could fill."""
-    there = {"NEES": any(nees_of(one.summary)[0] for one in results), "bound": any(one.bound for one in results)}
-    there["spread"] = has_spread(results[0].task)
-    return {part for part, known in there.items() if not known}
-
-
-def _said(parts: Sequence[str]) -> list[str]:
-    return [
-        part for part in parts if part.removeprefix("intervals of ") not in parts or not part.startswith("intervals")
-    ]
-
-
-def _columns(results: Sequence[Results], less: Sequence[str]) -> list[_Column]:
-    """Those right of the solver."""
-    order, navigates = _order(results), results[0].summary.navigation is not None
-    others = order[0].removeprefix("intervals of ")
-
-    def errors(column: Column) -> _Column:
-        shown = column.main or order[0] not in less
-
-        def cell(_: int, one: Results) -> Text:
-            value, ci = column.cell(one)
-            return _stacked(value, ci if shown else "")
-
-        stays = column.main or column.ranks
-        return _Column(_heading(column), cell, "" if stays else _PARTS.get(column.name, others))
-
-    def time(_: int, one: Results) -> Text:
-        return _stacked(seconds(one.summary.t_conv_median_s), seconds_interval(one.summary.t_conv_ci_s))
-
-    out = [
-        _Column("runs\naligned", lambda _, one: _success(one.summary)),
-        *([] if navigates else [_Column("median\ntime, s", time, "median time")]),
-        *map(errors, error_columns(results[0])),
-        _Column(bound_heading(results[0]).replace("/ ", "/\n"), lambda _, one: _bound(one), "bound"),
-        _Column(f"NEES\n/ {nees_of(results[0].summary)[1]}", lambda _, one: _nees(one.summary), "NEES"),
-        _Column("failed", lambda _, one: _failures(one.summary), "failures"),
-        _Column("cost\n/ ckf", lambda _, one: Text(cost_text(one)), "cost"),
-        _Column("heading\nspread, °", lambda _, one: _stacked(*spread_text(one)), "spread"),
-    ]
-    absent = set(less) | _absent(results)
-    return [column for column in out if column.part not in absent]
-
-
-_SHORT = {"horizontal": "hor.", "vertical": "vert.", "heading at the end": "heading"}
+def _has_interval(column: Column, task: EvaluationTask, less: Sequence[str]) -> bool:
+    return column.main(task) or _INTERVALS + column.intervals not in less
 
 
 def _heading(column: Column) -> str:
-    """On two lines."""
-    *first, last = column.name.replace(",", "").split(" ", 1)
-    last = f"{_SHORT.get(last, last)}, {column.unit}"
-    return "\n".join([*first, last]) if first else last.replace(", ", "\n")
+    """Title and unit on two lines, broken where the column is narrowest."""
+    title = column.title.replace(",", "")
+    for long, short in _SHORT.items():
+        title = title.replace(long, short)
+    words = ", ".join(filter(None, (title, sign(column.unit)))).split(" ")
+    breaks = [(" ".join(words[:i]).rstrip(","), " ".join(words[i:])) for i in range(len(words) - 1, 0, -1)]
+    return "\n".join(min(breaks, key=lambda lines: max(map(len, lines)), default=words))
 
 
-def _table(lines: Sequence[tuple[int, Results]], columns: Sequence[_Column], width: int) -> tuple[Table, int]:
-    """The table, and how wide the names of the solvers may be in it."""
-    cells = [[column.cell(rank, one) for column in columns] for rank, one in lines]
+def _text(cell: Cell, interval: bool) -> Text:
+    """What a cell says: colours tell good from bad; a warning is spelt out where it is grave."""
+    text = Text.assemble((cell.value.replace(", ", "\n"), _STYLES.get(cell.mark, "")))
+    if cell.below and interval:
+        text.append("\n" + cell.below, style="dim")
+    if cell.note and cell.mark == "bad":
+        text.append("\n" + cell.note, style="bold red")
+    return text
+
+
+def _table(
+    lines: Sequence[tuple[int, Results]], columns: Sequence[tuple[str, list[Text]]], width: int
+) -> tuple[Table, int]:
+    """The table, and how wide the names of the solvers may be in it; of each column its heading and its cells."""
+    cells = list(zip(*(found for _, found in columns), strict=True))
 
     def build(rows: Sequence[Sequence[Text]]) -> Table:
         out = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), collapse_padding=True)
         out.add_column("#", justify="right", no_wrap=True)
         out.add_column("solver", overflow="fold")
-        for column in columns:
-            out.add_column(column.heading, justify="right", no_wrap=True)
+        for heading, _ in columns:
+            out.add_column(heading, justify="right", no_wrap=True)
         out.add_row(*_together(rows))
         return out
 
     console = Console(width=10_000, color_system=None)
-    name = max(_longest(one, fold=False) for _, one in lines)
+    name = max(longest_piece(one, fold=False) for _, one in lines)
     widest = [max(column, key=_width) for column in zip(*cells, strict=True)]  # one row stands for all: far faster
     whole = Measurement.get(
         console, console.options, build([[Text(str(len(lines))), Text("x" * name), *widest]])
@@ -166,7 +115,7 @@ def _table(lines: Sequence[tuple[int, Results]], columns: Sequence[_Column], wid
     room = width - (whole - name)
     fits = max(min(room, MOST_NAME), 1)
     return build(
-        [[_place(*line), _label(line[1], line[0], fits), *row] for line, row in zip(lines, cells, strict=True)]
+        [[_place(*line), label(line[1], line[0], fits), *row] for line, row in zip(lines, cells, strict=True)]
     ), room
 
 
@@ -197,7 +146,7 @@ def _wins(rank: int, one: Results) -> bool:
     return rank == 1 and one.summary.scored
 
 
-def _label(one: Results, rank: int, room: int) -> Text:
+def label(one: Results, rank: int, room: int) -> Text:
     """Name, module and settings, folded at '.' and ':' to lines of ``room`` characters."""
     module, _, name = one.solver.rpartition(":")
     text = Text("\n".join(_folded(name, room)), style="bold" if _wins(rank, one) else "")
@@ -226,31 +175,8 @@ def _folded(text: str, room: int) -> list[str]:
     return lines
 
 
-def _longest(one: Results, fold: bool = True) -> int:
+def longest_piece(one: Results, fold: bool = True) -> int:
     """Characters of the longest line below "solver", as narrow as it can be folded (or as wide as allowed)."""
     module, _, name = one.solver.rpartition(":")
     parts = [name, *([module] if module else []), *_settings(one), "solver"]
     return max(len(line) for part in parts for line in (_pieces(part) if fold else _folded(part, MOST_NAME)))
-
-
-def _failures(s: Summary) -> Text:
-    return Text(failure_text(s).replace(", ", "\n"), style="red" if s.failures else "dim")
-
-
-def _success(s: Summary) -> Text:
-    style = "" if not s.scored else "green" if s.success >= 0.95 else "yellow" if s.success >= 0.5 else "red"
-    return Text.assemble((success_text(s), style), (f"\nof {s.runs}", "dim"))
-
-
-def _stacked(value: str, below: str) -> Text:
-    return Text.assemble(value, ("\n" + below, "dim")) if below else Text(value)
-
-
-def _bound(one: Results) -> Text:
-    text, below = bound_text(one)
-    return Text.assemble(text, ("\nbelow", "bold red")) if below else Text(text)
-
-
-def _nees(s: Summary) -> Text:
-    text, inside = nees_text(s)
-    return Text(text, style="" if inside is None else "green" if inside else "yellow")
