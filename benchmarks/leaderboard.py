@@ -23,12 +23,12 @@ import suite
 from sins_env.cli.output import remark
 from sins_env.evaluation.estimators import version
 from sins_env.evaluation.estimators.memory import keep_freed_memory
-from sins_env.evaluation.score.paired import Estimate, apart, common, difference_of_rates, ratio_of_rms
+from sins_env.evaluation.score.headline import by_failures, headline
+from sins_env.evaluation.score.paired import apart, common, difference_of_rates, ratio_of_rms
 from sins_env.evaluation.score.quantities import QUANTITIES, run_errors
-from sins_env.evaluation.score.ranking import by_failures, failure_rate, headline, ranked
-from sins_env.evaluation.score.resampling import NO_INTERVAL, Interval
+from sins_env.evaluation.score.ranking import failure_rate, ranked
+from sins_env.evaluation.score.resampling import NO_INTERVAL, Estimate, Interval
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show.columns import bound_ratio, nees_of, spread_of
 from sins_env.evaluation.speed.cost import measure_cost
 from sins_env.evaluation.store.filling import fill
 from sins_env.evaluation.store.store import Store
@@ -86,7 +86,7 @@ def score(one: Results) -> Score:
     """The RMS that ranks; the median heading at the end where failures do, the heading's spread where no truth is known."""
     s = one.summary
     if not s.scored:
-        return Score("spread of the heading", "deg", spread_of(one)[0], NO_INTERVAL)
+        return Score("spread of the heading", "deg", one.spread.deg, NO_INTERVAL)
     if s.navigation is None:
         limit = one.bound.steady[2] / ARCSEC if one.bound else math.nan
         return Score("azimuth RMS", "arcsec", s.rms["U"], s.rms_ci["U"], limit)
@@ -129,7 +129,7 @@ def as_data(store: Store) -> dict[str, Any]:
 
 def _entry(rank: int, one: Results, yardstick: Results) -> dict[str, Any]:
     s, told = one.summary, score(one)
-    nees, dof = nees_of(s)
+    nees, dof = s.nees_of_all, s.nees_dof
     return {
         "task": one.task.name,
         "solver": one.solver,
@@ -139,7 +139,7 @@ def _entry(rank: int, one: Results, yardstick: Results) -> dict[str, Any]:
         "median_s": s.t_conv_median_s,
         "score": told.value,
         "interval": told.interval,
-        "bound_ratio": bound_ratio(one) if s.scored else None,
+        "bound_ratio": one.headline_ratio if s.scored else None,
         "nees": nees[-1].mean / dof if nees else None,
         "nees_right": nees[-1].inside if nees else None,
         "failed": round(failure_rate(one) * s.runs),

@@ -15,7 +15,6 @@ from sins_env.cli.output import remark
 from sins_env.evaluation.report.figures import front
 from sins_env.evaluation.score.paired import paired_ratio
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show.columns import bound_ratio
 from sins_env.evaluation.show.error_figure import band, size_of
 from sins_env.evaluation.show.style import COLOURS, bound_style, finish, new_figure
 from sins_env.units import DEG
@@ -78,9 +77,9 @@ def _placed(board: Board, task: str) -> dict[str, Point]:
     out = {}
     for one in lines:
         same = len(one.records) == len(yardstick.records)
-        error = bound_ratio(one)
+        error = one.headline_ratio
         if not same:
-            error = paired_ratio(one.records, yardstick.records)[0] * bound_ratio(yardstick)
+            error = paired_ratio(one.records, yardstick.records)[0] * yardstick.headline_ratio
         if one.solver in costs and np.isfinite(error) and one.solver not in suite.AT_REST:
             out[one.solver] = (costs[one.solver], error)
     return out

@@ -19,7 +19,7 @@ from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.play.scoring import score
 from sins_env.evaluation.score import metrics, paired
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show import columns, error_figure, footer, numbers, plain_tables, run_figure, terminal_tables
+from sins_env.evaluation.show import cells, error_figure, footer, numbers, plain_tables, run_figure, terminal_tables
 from sins_env.units import ARCSEC
 
 TASK = get_task("sway-white-v0")
@@ -193,7 +193,7 @@ def test_no_verdict_on_a_reference():
     one = results("a", 1e-3, task=get_task("sway-anyheading-v0"))
     assert one.below_bound is None
     assert one.bound_ratio["U"] < 2e-3
-    assert columns.bound_text(one) == (f"({numbers.number(one.bound_ratio['U'])})", None)
+    assert cells.bound_ratio(one) == cells.Cell(f"({numbers.number(one.bound_ratio['U'])})")
     assert "only a reference here" in footer.footer([one])
     assert "leak" not in footer.footer([one])
 
@@ -205,7 +205,7 @@ def test_no_ratio_without_a_bound_or_over_other_epochs(short):
     recording = Results(get_task("rlg-car-v0"), "a", {}, "suite", short_records)
     assert recording.bound is None
     assert recording.below_bound is None
-    assert columns.bound_text(recording) == ("-", None)
+    assert cells.bound_ratio(recording) == cells.Cell("-")
 
 
 class KnowsTheMotion:

@@ -17,7 +17,7 @@ from sins_env.evaluation.play.scoring import score
 from sins_env.evaluation.report import figures, panel, svg, tables
 from sins_env.evaluation.report import page as report
 from sins_env.evaluation.score import ranking
-from sins_env.evaluation.show import columns, footer, numbers
+from sins_env.evaluation.show import cells, footer, numbers
 from sins_env.evaluation.speed.cost import Cost
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
@@ -146,11 +146,11 @@ def test_the_table_is_the_boards(file, page):
         assert row[1].startswith(one.solver.rpartition(":")[2])
         assert ("gain=2" in row[1]) == ("gain" in one.settings)
         assert row[2] == f"{numbers.angle(s.rms['U'])} {numbers.angle_interval(s.rms_ci['U'])}"
-        assert row[4] == f"{columns.success_text(s)} of {s.runs}"
+        assert row[4] == f"{cells.success_text(s)} of {s.runs}"
         assert row[5] == f"{numbers.seconds(s.t_conv_median_s)} {numbers.seconds_interval(s.t_conv_ci_s)}".strip()
-        assert row[8].startswith(columns.bound_text(one)[0])
-        assert row[9].replace("\n", ", ") == columns.failure_text(s)
-        assert row[10] == columns.cost_text(one)
+        assert row[8].startswith(cells.bound_ratio(one).value)
+        assert row[9].replace("\n", ", ") == cells.failure_text(s)
+        assert row[10] == cells.cost(one).value
     assert lines[0][1].solver == "better"
     for line in footer.footer([one for _, one in lines]).split("\n"):
         assert line.replace('"', "&#34;").replace("'", "&#39;") in page

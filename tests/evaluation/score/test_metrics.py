@@ -67,8 +67,9 @@ def test_aligned_needs_every_axis():
     phi[0, :, 0] = 2e-3
     records = score(phi, None, CRITERIA)
     assert records.aligned_s[0] == math.inf
-    assert metrics.summarise(records).success == 0
-    assert metrics.summarise(records).success_by_axis == {"E": 0.0, "N": 1.0, "U": 1.0}
+    (summary,) = metrics.summaries([records])
+    assert summary.success == 0
+    assert summary.success_by_axis == {"E": 0.0, "N": 1.0, "U": 1.0}
 
 
 def test_steady_state_is_the_last_minute_or_fifth():
@@ -186,7 +187,7 @@ def test_profile_passes_through_the_success_rate():
     records = score(phi, None, CRITERIA)
     deltas, azimuth, _, _ = metrics.success_profile(records, points=400)
     at = np.searchsorted(deltas, CRITERIA.delta[2])
-    success = metrics.summarise(records).success_by_axis["U"]
+    success = metrics.summaries([records])[0].success_by_axis["U"]
     assert azimuth[at - 1] <= success <= azimuth[at]
     assert 0 < success < 1
     expected = np.array([(np.abs(phi[:, 0, 2]) <= delta).mean() for delta in deltas])
@@ -256,7 +257,7 @@ def test_heading_spread_across_north():
 
 def test_summary_in_arcsec():
     phi = np.ones((4, K, 3)) * ARCSEC * np.array([10.0, 20.0, 30.0])
-    s = metrics.summarise(score(phi * np.array([1, -1, 1, -1])[:, None, None], None, CRITERIA))
+    (s,) = metrics.summaries([score(phi * np.array([1, -1, 1, -1])[:, None, None], None, CRITERIA)])
     assert s.rms == pytest.approx({"E": 10.0, "N": 20.0, "U": 30.0})
     assert s.rms_final == pytest.approx({"E": 10.0, "N": 20.0, "U": 30.0})
     assert s.mean == pytest.approx({"E": 0.0, "N": 0.0, "U": 0.0}, abs=1e-9)

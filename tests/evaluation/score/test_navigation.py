@@ -115,7 +115,7 @@ def test_nees_of_mixed_units_against_a_dense_inverse():
 def test_armse_is_the_mean_over_time_of_the_rms_over_runs():
     rng = np.random.default_rng(2)
     sizes, course = rng.normal(size=(40, 12)) * 1e-3, 1 + np.exp(-t / 30)
-    s = navigation.summarise(score(errors_of(sizes, course), None, CRITERIA))
+    s = navigation.navigation_scores(score(errors_of(sizes, course), None, CRITERIA))
     at = course[9::10][t[9::10] > FROM * EPOCH].mean()  # of the history, at 1 Hz
     across = np.sqrt(np.square(sizes).mean(axis=0))
     expected = {"azimuth": across[9] * at, "position_v": across[8] * at, "velocity_h": np.hypot(*across[3:5]) * at}
@@ -147,7 +147,7 @@ def test_a_run_that_raised_counts_with_the_worst_errors():
     scorer = Scorer(CRITERIA, 1)
     scorer.add(np.zeros((1, 600, 12)), np.zeros((1, 600), dtype=bool))
     scorer.fill()
-    found = navigation.summarise(scorer.records([0]))
+    found = navigation.navigation_scores(scorer.records([0]))
     part = 400 / (K - FROM)
     assert found.rms["position_v"][0] == pytest.approx(WORST[8] * math.sqrt(part))
     assert found.armse["position_v"][0] == pytest.approx(WORST[8] * part, rel=0.02)

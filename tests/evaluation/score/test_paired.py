@@ -271,12 +271,12 @@ def test_some_runs_in_common():
 
 
 def test_summaries_together_equal_those_alone():
-    from sins_env.evaluation.score.results import summarise
+    from sins_env.evaluation.score.results import summarise_together
 
     sizes = (30, 40, 30, 1)
     data = [np.random.default_rng(i).normal(0, 500, n) for i, n in enumerate(sizes)]
     together, alone = ([solver("x", x) for x in data] for _ in range(2))
-    summarise(together)
+    summarise_together(together)
     for one, other in zip(together, alone, strict=True):
         for axis in "ENU":
             np.testing.assert_allclose(one.summary.rms_ci[axis], other.summary.rms_ci[axis], rtol=1e-12)

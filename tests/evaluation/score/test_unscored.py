@@ -14,7 +14,7 @@ from rich.console import Console
 from sins_env.cli.main import main
 from sins_env.evaluation import evaluate, run_episode
 from sins_env.evaluation.score import ranking
-from sins_env.evaluation.show import columns, error_figure, numbers, plain_tables, run_figure, style, terminal_tables
+from sins_env.evaluation.show import cells, error_figure, numbers, plain_tables, run_figure, style, terminal_tables
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks import catalogue as tasks
@@ -64,7 +64,7 @@ def test_failures_are_counted(unscored, how):
     assert found.records.broken.all()
     assert np.isnan(found.records.final).all()
     assert found.summary.failures == 3
-    assert columns.failure_text(found.summary) == ("3 raised" if how == "raise" else "3 diverged")
+    assert cells.failure_text(found.summary) == ("3 raised" if how == "raise" else "3 diverged")
 
 
 def test_lost_runs_are_not_scored_either(unscored):
@@ -90,7 +90,7 @@ def test_every_form_shows_no_score(found):
         assert float(row["spread_deg"]) == found.summary.spread_deg
         assert row["diverged"] == "0"
     cells = [cell.strip() for cell in plain_tables.as_markdown([found]).splitlines()[6].split("|")[1:-1]]
-    assert cells == ["-", found.solver, "3", *["-"] * 6, "0", "-", numbers.number(found.summary.spread_deg)]
+    assert cells == ["-", found.solver, "3", *["-"] * 5, "0", "-", numbers.number(found.summary.spread_deg)]
     for width in (80, 120):
         console = Console(width=width, file=io.StringIO())
         console.print(terminal_tables.table([found, other], width))

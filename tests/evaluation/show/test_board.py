@@ -16,7 +16,7 @@ from sins_env.evaluation.play.scoring import score
 from sins_env.evaluation.score import ranking
 from sins_env.evaluation.score.consistency import Nees, nees_band
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show import columns, error_figure, numbers, plain_tables, terminal_tables
+from sins_env.evaluation.show import cells, error_figure, numbers, plain_tables, terminal_tables
 from sins_env.evaluation.speed.cost import Cost
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.units import ARCSEC
@@ -84,7 +84,7 @@ def test_failures_and_nees_are_shown():
     records = dataclasses.replace(one.records, status=status, repairs=np.array([3, 0, 1, 0]))
     records = dataclasses.replace(records, nees=np.full((4, 4), 30.0))
     one = dataclasses.replace(one, records=records)
-    assert columns.failure_text(one.summary) == "2 diverged, 1 raised, 2 repaired"
+    assert cells.failure_text(one.summary) == "2 diverged, 1 raised, 2 repaired"
     assert one.summary.failures == 4
     text = text_of(terminal_tables.table([one]))
     for part in ("2 diverged", "1 raised", "2 repaired", "10.0", "worst error"):
@@ -238,6 +238,6 @@ def test_no_number_and_no_word_is_broken(kind, width):
 
 def test_names_fold_at_dots_and_colons_only():
     one = results("package.module.with.a.long.path:AnEstimatorWithALongName", 3e5)
-    text = terminal_tables._label(one, 1, 24).plain.splitlines()
+    text = terminal_tables.label(one, 1, 24).plain.splitlines()
     assert text == ["AnEstimatorWithALongName", "package.module.with.a.", "long.path"]
-    assert terminal_tables._longest(one) == 24
+    assert terminal_tables.longest_piece(one) == 24

@@ -15,8 +15,9 @@ from sins_env.evaluation.play.scoring import score
 from sins_env.evaluation.report import tables
 from sins_env.evaluation.report.figures import drawings
 from sins_env.evaluation.report.panel import Task
+from sins_env.evaluation.score.repeatability import shares_headings
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show import columns, error_figure, footer, plain_tables, terminal_tables
+from sins_env.evaluation.show import error_figure, footer, plain_tables, terminal_tables
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.store.verify import compare_runs
@@ -94,7 +95,7 @@ def test_failures_stand_beside_the_main_error_on_the_page(hot):
 
 def test_a_task_without_the_bound_of_its_main_error_has_no_mark_for_it(hot):
     vars(hot[0])["bound_means"] = {"azimuth": float("nan")}
-    assert tables._limit(hot[0], Task(hot, {}, "t")) is None
+    assert tables.whiskers(hot[:1])(hot[0]).bound is None
 
 
 def test_what_the_rms_of_a_run_are_over():
@@ -103,9 +104,9 @@ def test_what_the_rms_of_a_run_are_over():
 
 def test_one_window_has_no_spread():
     task = dataclasses.replace(FLIGHT, windows=1)
-    assert not columns.has_spread(task)
-    assert columns.has_spread(dataclasses.replace(task, windows=2))
-    assert columns.has_spread(dataclasses.replace(task, windows=0, records=30))
+    assert not shares_headings(task)
+    assert shares_headings(dataclasses.replace(task, windows=2))
+    assert shares_headings(dataclasses.replace(task, windows=0, records=30))
 
 
 def scaled(records, **factors):
@@ -158,7 +159,7 @@ def test_the_ratio_to_the_bound_is_that_of_the_mean_over_time():
     one = Results(FLIGHT, "one", {}, "s", score(errors_of(values, course), None, CRITERIA), stored_bound=None)
     vars(one)["bound_means"] = {"position": 0.5}
     expected = course[9::10][CRITERIA.span].mean() / 0.5
-    assert columns.bound_ratio(one) == pytest.approx(expected, rel=1e-6)
+    assert one.headline_ratio == pytest.approx(expected, rel=1e-6)
     assert one.summary.navigation.rms["position"][0] / 0.5 > 1.03 * expected
     (row,) = csv.DictReader(plain_tables.as_csv([one]).splitlines())
     assert float(row["bound_ratio_position"]) == pytest.approx(expected, rel=1e-6)
