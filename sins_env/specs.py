@@ -107,7 +107,7 @@ class GpsSpec:
     vel_std_mps: float | tuple[float, ...] = 0.1  #: standard deviation of the velocity, one number or (E, N, U)
     pos_std_m: float | tuple[float, ...] = 10.0  #: standard deviation of the position, one number or (E, N, U)
     rate_hz: float = 10.0
-    lever_arm_m: tuple[float, ...] = (0.0, 0.0, 0.0)  #: from the IMU to the antenna in the order Right, Forward, Up
+    lever_arm_m: tuple[float, ...] = (0.0, 0.0, 0.0)  #: vector from the IMU to the antenna, R, F, U
     outages_s: tuple[tuple[float, float], ...] = ()  #: intervals (start, end) without fixes
     contamination: float = 0.0  #: share of fixes with a greater variance of all their errors
     contamination_factor: float = 10.0  #: ratio of their variance to the ordinary one

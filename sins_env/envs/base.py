@@ -94,6 +94,11 @@ class EpisodeEnv(gymnasium.Env[Obs, Array]):
         return self.episode.task
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Obs, dict[str, Any]]:
+        """Begin an episode, and return observation 1 and the info with the start.
+
+        Raises:
+            ValueError: an option that the environment does not have.
+        """
         super().reset(seed=seed)
         obs, info = self.episode.reset([self.np_random], options, squeeze=True)
         if self._renderer:
@@ -101,6 +106,12 @@ class EpisodeEnv(gymnasium.Env[Obs, Array]):
         return _first(obs), _first(info)
 
     def step(self, action: Any) -> tuple[Obs, float, bool, bool, dict[str, Any]]:
+        """Score an action, (4,) or (10,), and return the next observation, reward, two flags of the end, and the info.
+
+        Raises:
+            ValueError: an action of another shape.
+            RuntimeError: a step before the reset or after the end.
+        """
         action = _check_action(action, self.action_space, self.task.navigate)
         t = self.episode.k * self.task.epoch_s
         obs, reward, over, info = self.episode.step(action[None])
@@ -110,6 +121,7 @@ class EpisodeEnv(gymnasium.Env[Obs, Array]):
         return _first(obs), float(reward[0]), False, over, row
 
     def render(self) -> NDArray[np.uint8] | None:
+        """Return the picture, RGB, (480, 960, 3); None without ``render_mode``."""
         return self._renderer.draw() if self._renderer else None
 
 
@@ -148,6 +160,13 @@ class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Obs, dict[str, Any]]:
+        """Begin an episode in every row, and return observation 1 and the info with the start.
+
+        A whole number as seed is that of row 0, and the other rows follow one by one; a list has a seed for each row.
+
+        Raises:
+            ValueError: seeds of another number, or an option that the environment does not have.
+        """
         seeds = _check_seeds(seed, self.num_envs)
         old: Sequence[Any] = self._rngs or [None] * self.num_envs
         self._rngs = [
@@ -160,6 +179,12 @@ class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
         return obs, self._with_masks(info)
 
     def step(self, actions: Any) -> tuple[Obs, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Score the actions, (rows, 4) or (rows, 10); the step after the end begins the next episode.
+
+        Raises:
+            ValueError: actions of another shape.
+            RuntimeError: a step before the reset.
+        """
         actions = _check_action(actions, self.action_space, self.task.navigate)
         no = np.zeros(self.num_envs, dtype=bool)
         if self._over:  # NEXT_STEP: the step after the last one begins the next episode

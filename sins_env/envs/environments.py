@@ -21,6 +21,8 @@ class AlignSwayEnv(EpisodeEnv):
 
 
 class AlignSwayVectorEnv(EpisodeVectorEnv):
+    """Swaying bases in lockstep."""
+
     single = AlignSwayEnv
 
 
@@ -33,6 +35,8 @@ class AlignStaticEnv(EpisodeEnv):
 
 
 class AlignStaticVectorEnv(EpisodeVectorEnv):
+    """Still bases in lockstep."""
+
     single = AlignStaticEnv
 
 
@@ -45,6 +49,8 @@ class AlignVehicleEnv(EpisodeEnv):
 
 
 class AlignVehicleVectorEnv(EpisodeVectorEnv):
+    """Parked cars in lockstep."""
+
     single = AlignVehicleEnv
 
 
@@ -57,6 +63,8 @@ class NavFlightEnv(EpisodeEnv):
 
 
 class NavFlightVectorEnv(EpisodeVectorEnv):
+    """Flights in lockstep."""
+
     single = NavFlightEnv
 
 

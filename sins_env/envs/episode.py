@@ -22,7 +22,7 @@ OBSERVED = ("dtheta", "dvel", "gps_vel", "gps_pos", "gps_valid")  #: fields of a
 
 
 class Episode:
-    """K observations and K steps. Observation k covers (t_{k-1}, t_k], and step k scores the action at t_k.
+    """A batch of episodes of K steps. Observation k covers (t_{k-1}, t_k], and step k scores the action at t_k.
 
     Without a reference errors and rewards are zero, and ``info["scored"]`` is False. A failed epoch then shows in
     ``info["failed"]`` alone.

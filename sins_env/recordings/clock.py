@@ -1,4 +1,4 @@
-"""From stamps to a uniform clock: the rate, gaps, stamps that repeat or run back, and resampling on demand."""
+"""The uniform clock of a recording: its rate, gaps, stamps that repeat or run back, and resampling on demand."""
 
 from __future__ import annotations
 

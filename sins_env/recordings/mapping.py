@@ -47,7 +47,7 @@ class Mapping:
     drop_duplicates: bool = False
     velocity_from_positions: bool = False
     site: tuple[float, ...] | None = None  #: latitude deg, longitude deg, height m
-    lever_arm_m: tuple[float, ...] | None = None  #: from the IMU to the antenna, along the file's axes
+    lever_arm_m: tuple[float, ...] | None = None  #: vector from the IMU to the antenna, along the file's axes
     gnss: Any = None
     reference: Any = None
     time: Any = None
