@@ -1,9 +1,10 @@
-"""How long ``sins-env board`` takes on a large results file: 40 solvers on 5 tasks, 1000 runs each.
+"""Time of ``sins-env board`` on a large results file: 40 solvers on 5 tasks, 1000 runs each.
 
     python benchmarks/board.py                        makes the file in a temporary directory, then three boards
     python benchmarks/board.py --keep large.sqlite    keeps it, for profiles
 
-Scores are drawn, not played: what is timed is reading, statistics and drawing. The issue asks for less than 2 s on a quiet core.
+Scores are random numbers and not played. What is timed is reading, statistics and printing, which should take less than 2 s
+on a quiet core.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ BOARD = [sys.executable, "-c", "from sins_env.cli.main import main; raise System
 
 
 def make_file(path: Path, tasks: Sequence[str] = TASKS, solvers: int = 40, runs: int = 1000) -> None:
-    """A results file whose solvers differ by a per cent each, on common runs."""
+    """Write a results file whose solvers differ by a per cent each, on common runs."""
     rng = np.random.default_rng(0)
     sql = f"INSERT INTO runs ({', '.join(COLUMNS)}) VALUES ({', '.join('?' * len(COLUMNS))})"
     with Store(path) as store:
@@ -58,7 +59,7 @@ def make_file(path: Path, tasks: Sequence[str] = TASKS, solvers: int = 40, runs:
 
 
 def time_board(path: Path) -> tuple[str, float, float]:
-    """What it prints; wall time and CPU time, s, of the whole process."""
+    """Run ``sins-env board``, and return what it prints with the wall time and CPU time of the whole process, s."""
     environment = {**os.environ, "COLUMNS": "120", "OPENBLAS_NUM_THREADS": "1"}
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run([*BOARD, str(path)], capture_output=True, text=True, env=environment, check=True)
@@ -68,8 +69,8 @@ def time_board(path: Path) -> tuple[str, float, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="speed of the board")
-    parser.add_argument("--keep", type=Path, metavar="FILE", help="the results file, made where it is not there")
-    parser.add_argument("--times", type=int, default=3, metavar="N", help="default 3")
+    parser.add_argument("--keep", type=Path, metavar="FILE", help="the results file, made if it does not exist")
+    parser.add_argument("--times", type=int, default=3, metavar="N", help="number of boards, default 3")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as directory:
         path = given.keep or Path(directory) / "large.sqlite"

@@ -1,9 +1,10 @@
-"""What disturbs the car of rlg_parked_car.npz, and whether the simulated car is disturbed likewise.
+"""Disturbances of the car of rlg_parked_car.npz, beside those of the simulated car.
 
-    python benchmarks/car_disturbances.py                       the figures that sins_env/trajectory/car.py states
+    python benchmarks/car_disturbances.py                       the numbers that sins_env/trajectory/car.py states
     python benchmarks/car_disturbances.py --plot car.png        angles, velocities and spectra, recorded and simulated
 
-The recording is sought in $SINS_ENV_DATA. The simulated car goes through the same analysis with the same sensors.
+The recording is in the folder $SINS_ENV_DATA. The simulated car has the same sensors and goes through the same analysis.
+The model is in docs/mathematics/simulation.md#parked-car.
 """
 
 from __future__ import annotations
@@ -27,13 +28,14 @@ from sins_env import attitude, earth, recordings
 Array = NDArray[np.float64]
 
 RATE_HZ = 100.0
-BUSY, QUIET = (0.0, 550.0), (680.0, 980.0)  #: s: people at the car, and nobody
-BAND_HZ = (0.5, 8.0)
-EVENT_RATE = 6e-4  #: rad/s, RMS over a second, above which something happens; quiet seconds have 1e-4
-APART_S = 2.0
-#: free oscillations, s: after a door, a person, or a shift of weight, until the next thing happens
+BUSY, QUIET = (0.0, 550.0), (680.0, 980.0)  #: s, times with people at the car, and with nobody
+BAND_HZ = (0.5, 8.0)  #: band of the velocities
+EVENT_RATE = 6e-4  #: rad/s, RMS over a second that marks an event; a quiet second has 1e-4
+APART_S = 2.0  #: s, least time between two events
+#: Times of free oscillations, s: after a door, a person or a shift of weight, until the next event.
 FREE = ((992.8, 997.0), (1014.2, 1018.0), (84.0, 88.0), (97.1, 101.0), (82.0, 83.5), (78.3, 79.3), (93.6, 96.0))
-STRONG = ((992.0, 996.0), (1014.2, 1018.0), (92.5, 94.0))  #: where velocities rise over the accelerometers' pulses
+STRONG = ((992.0, 996.0), (1014.2, 1018.0), (92.5, 94.0))  #: those with velocities above the accelerometers' resolution
+#: Motion to fit: column of rates and velocities, guesses of the frequencies in Hz, and times.
 GUESSES: dict[str, tuple[int, tuple[float, ...], tuple[tuple[float, float], ...]]] = {
     "pitch rate": (0, (2.5,), FREE),
     "roll rate": (1, (2.2, 5.2), FREE),
@@ -45,15 +47,15 @@ GUESSES: dict[str, tuple[int, tuple[float, ...], tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class Course:
-    """Angles rad about the axes right, forward, up; rates rad/s; velocities m/s within BAND_HZ. All (samples, 3)."""
+    """Motion of a car without earth rate and gravity, about the axes right, forward, up."""
 
-    angles: Array
-    rates: Array
-    vel: Array
+    angles: Array  #: (samples, 3) rad
+    rates: Array  #: (samples, 3) rad/s
+    vel: Array  #: (samples, 3) m/s, within BAND_HZ
 
     @classmethod
     def of(cls, dtheta: Array, dvel: Array, rate_ie_b: Array) -> Course:
-        """From increments (samples, 3): earth rate and gravity out, the latter turned with the car."""
+        """Make it from increments (samples, 3): earth rate and gravity are removed, gravity as the car tilts."""
         rates = dtheta * RATE_HZ - rate_ie_b
         angles = np.cumsum(rates, axis=0) / RATE_HZ
         angles -= np.median(angles, axis=0)
@@ -65,11 +67,12 @@ class Course:
         return cls(angles, signal.sosfiltfilt(low, rates, axis=0), vel)
 
     def part(self, span: tuple[float, float]) -> Course:
+        """Cut out a span of time, s."""
         at = slice(*(round(RATE_HZ * t) for t in span))
         return Course(self.angles[at], self.rates[at], self.vel[at])
 
     def events(self) -> Iterator[tuple[int, int]]:
-        """First and last sample of each."""
+        """Yield the first and the last sample of each event."""
         power = signal.fftconvolve((self.rates**2).sum(axis=1), np.full(100, 0.01), "same")
         hot = np.flatnonzero(power > EVENT_RATE**2)
         for one in np.split(hot, np.flatnonzero(np.diff(hot) > APART_S * RATE_HZ) + 1):
@@ -77,7 +80,7 @@ class Course:
                 yield int(one[0]), int(one[-1])
 
     def steps(self) -> Array:
-        """Of each event: settled change of the angles, peak rates, peak velocities, (events, 9)."""
+        """Return the settled change of the angles, the peak rates and the peak velocities of each event, (events, 9)."""
         out = []
         for first, last in self.events():
             before, after = max(first - 150, 0), min(last + 150, len(self.rates) - 1)
@@ -90,6 +93,7 @@ class Course:
 
 
 def recorded() -> Course:
+    """Read the course of the recorded car."""
     recording = recordings.load("rlg_parked_car.npz")
     reference = recording.reference
     assert reference is not None
@@ -98,6 +102,7 @@ def recorded() -> Course:
 
 
 def simulated(duration: float, seed: int, **settings: Any) -> Course:
+    """Play the simulated car for ``duration`` seconds, and return its course."""
     env: Any = gymnasium.make("SINS/AlignVehicle-v0", duration=duration, reveal_truth=True, **settings)
     obs, info = env.reset(seed=seed)
     start, parts, over = info["truth"]["q_nb"], [], False
@@ -110,7 +115,7 @@ def simulated(duration: float, seed: int, **settings: Any) -> Course:
 
 
 def free_modes(x: Array, guesses: tuple[float, ...]) -> tuple[Array, float]:
-    """Frequency Hz and damping of damped sinusoids, (modes, 2), and the share of the variance they explain."""
+    """Fit damped sinusoids to x (samples,): their frequency in Hz and damping, (modes, 2), and the explained variance."""
     t = np.arange(len(x)) / RATE_HZ
 
     def residual(p: Array) -> Array:
@@ -129,6 +134,7 @@ def free_modes(x: Array, guesses: tuple[float, ...]) -> tuple[Array, float]:
 
 
 def show_modes(course: Course, console: Console) -> None:
+    """Print frequency and damping of the free oscillations."""
     table = Table("free oscillation", "from, s", "Hz", "damping", "explained", title="Modes")
     for name, (column, guesses, spans) in GUESSES.items():
         found = []
@@ -147,6 +153,7 @@ def show_modes(course: Course, console: Console) -> None:
 
 
 def show_events(courses: dict[str, Course], console: Console) -> None:
+    """Print the number and the size of the events of each course."""
     heads = ("settled pitch, roll, yaw, mrad", "peak rates, mrad/s", "peak velocities R, F, U, mm/s")
     table = Table("events", "minutes", "number", *heads, title="Events: medians of those that tilt, and of the others")
     for name, course in courses.items():
@@ -169,7 +176,7 @@ def show_events(courses: dict[str, Course], console: Console) -> None:
 
 
 def show_lever(course: Course, console: Console) -> None:
-    """Velocity over rate where it is disturbed: v = w x r."""
+    """Print the height of the IMU above the axes of roll and pitch, from v = w x r during events."""
     hot = np.concatenate([np.arange(a, b + 1) for a, b in course.events()])
     W, V = course.rates[hot], course.vel[hot]
     up = [np.linalg.lstsq(W, V[:, i], rcond=None)[0][j] * s for i, j, s in ((0, 1, 1.0), (1, 0, -1.0))]
@@ -177,6 +184,7 @@ def show_lever(course: Course, console: Console) -> None:
 
 
 def draw(courses: dict[str, Course], path: str) -> None:
+    """Draw angles, velocities and spectra of each course."""
     figure = Figure((13, 3.2 * (len(courses) + 1)), layout="constrained")
     panels = figure.subplots(len(courses) + 1, 2, squeeze=False)
     for row, (name, course) in zip(panels, courses.items(), strict=False):

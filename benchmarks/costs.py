@@ -1,12 +1,11 @@
-"""What a step of every filter costs, beside that of ckf, on the alignment problem: one process, one thread.
+"""Cost of a step of every filter, beside that of ckf, on the alignment problem: one process, one thread.
 
     python benchmarks/costs.py                                  every filter, at 1 and 256 runs
     python benchmarks/costs.py ckf ckf5 ddf2 --runs 1 64 1024   some, at other batch sizes
 
-Epochs of the swaying base (10 states, a fix of two velocities at each) are recorded once and played to every filter: the
-step alone is timed, without simulator and strapdown. Blocks of the filter alternate with blocks of ckf, and the ratio is
-the median over such pairs of CPU times, so that a busy machine changes it little. Each filter gets the same time, and one
-block at least, however slow it is.
+Epochs of the swaying base, with 10 states and a fix of two velocities each, are recorded once and played to every filter. Only
+the step is timed, without simulator and strapdown. Blocks of the filter alternate with blocks of ckf. The ratio is the median
+over such pairs of CPU times, so that a busy machine changes it little. Each filter gets the same time, and at least one block.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ from solvers.pipeline.estimator import Aligner
 from solvers.types import Gaussian, Measurement, Transition
 
 YARDSTICK = "ckf"
-EPOCHS = 100  #: recorded, after which a filter starts anew
-BLOCK_S = 5e-3  #: aim for the length of a block
+EPOCHS = 100  #: number of recorded epochs, after which a filter starts again
+BLOCK_S = 5e-3  #: s, CPU time that a block should take
 
 
 class Recorder:
-    """A filter that keeps what it is given and does nothing."""
+    """A filter that keeps the transitions and fixes that it is given, and estimates nothing."""
 
     def __init__(self, runs: int) -> None:
         self.runs, self.batched = runs, runs > 1
@@ -55,7 +54,7 @@ class Recorder:
 
 
 def record(task: str, runs: int) -> Recorder:
-    """The transitions and fixes of the first epochs of a task, the INS open loop; one run has no run axis."""
+    """Record the transitions and fixes of the first epochs of a task, with the INS open loop; one run has no run axis."""
     recorder = Recorder(runs)
     probe = Probe(get_task(task), lambda: Aligner(recorder, feedback="open"), {}, runs, warm_up=EPOCHS)
     probe.close()
@@ -63,7 +62,7 @@ def record(task: str, runs: int) -> Recorder:
 
 
 class Player:
-    """A filter that goes on through the recorded epochs, and starts anew at their end."""
+    """A filter that goes through the recorded epochs again and again, each time from the prior."""
 
     def __init__(self, name: str, recorded: Recorder) -> None:
         self.filter, self.recorded, self.k = make_filter(name), recorded, 0
@@ -71,7 +70,7 @@ class Player:
         self.block = max(1, min(EPOCHS, round(BLOCK_S / self.advance(1))))
 
     def advance(self, epochs: int) -> float:
-        """CPU seconds per step."""
+        """Take some steps, and return the CPU seconds per step."""
         spent = 0.0
         for _ in range(epochs):
             if self.k % len(self.recorded.epochs) == 0:
@@ -86,15 +85,15 @@ class Player:
 
 
 class Cost(NamedTuple):
-    """Of one filter at one batch size."""
+    """Cost of one filter at one batch size."""
 
     step_us: float  #: CPU time of a step, per run
-    ratio: float  #: to that of ckf
-    pairs: int  #: of blocks
+    ratio: float  #: this time over that of ckf
+    pairs: int  #: number of pairs of blocks
 
 
 def cost(name: str, recorded: Recorder, seconds: float) -> Cost:
-    """For about ``seconds``, of which the filter's first steps and one pair of blocks are done in any case."""
+    """Measure a filter for about ``seconds``; the first steps and one pair of blocks are always taken."""
     begin = time.perf_counter()
     own, yardstick = Player(name, recorded), Player(YARDSTICK, recorded)
     pairs = []
@@ -107,7 +106,7 @@ def cost(name: str, recorded: Recorder, seconds: float) -> Cost:
 
 
 def cell(name: str, recorded: Recorder, seconds: float) -> tuple[str, str]:
-    """Time and ratio, or why there are none."""
+    """Return time and ratio as text, or why there are none."""
     if recorded.runs > 1 and not FILTERS[name].batched:
         return "one run only", ""
     try:
@@ -122,8 +121,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description="cost of a step of every filter, beside that of ckf")
     parser.add_argument("filters", nargs="*", help="names, default all")
     parser.add_argument("--runs", nargs="+", type=int, default=[1, 256], help="batch sizes")
-    parser.add_argument("--seconds", type=float, default=1.0, help="spent on each filter and batch size")
-    parser.add_argument("--task", default="sway-white-v0")
+    parser.add_argument("--seconds", type=float, default=1.0, help="time for each filter and batch size")
+    parser.add_argument("--task", default="sway-white-v0", help="task that is recorded, default %(default)s")
     given = parser.parse_args(arguments)
     for name in given.filters:
         if name not in FILTERS:

@@ -1,10 +1,10 @@
-"""The leaderboard of the default suite (suite.py): runs what is missing, then writes leaderboard.json and the figures of README.
+"""The leaderboard of the default suite (suite.py): makes missing runs, then writes leaderboard.json and README's figures.
 
-    python benchmarks/leaderboard.py                            all of it; hours from nothing, most of them particle filters
-    python benchmarks/leaderboard.py --at-most 4 --db try.sqlite --out /tmp    a few runs of each, elsewhere
+    python benchmarks/leaderboard.py                            everything; takes hours, mostly for the particle filters
+    python benchmarks/leaderboard.py --at-most 4 --db try.sqlite --out /tmp    a few runs each, elsewhere
 
-The results file is one of ``sins-env eval`` and may begin as a copy of one that has some of the runs. What was interrupted
-goes on where it ended. ``readme.py`` makes the tables of README from the JSON.
+The results file is one of ``sins-env eval`` and may begin as a copy of one that has some of the runs. After an interruption the
+same command continues. ``readme.py`` makes the tables of README from the JSON.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from sins_env.units import ARCSEC, DEG
 
 ROOT = Path(__file__).resolve().parents[1]
 JSON = ROOT / "benchmarks" / "leaderboard.json"
-DIGITS = 5  #: of the numbers in the JSON
-CHUNK = 128  #: runs together: what each costs falls with their number
+DIGITS = 5  #: digits of the numbers in the JSON
+CHUNK = 128  #: number of runs that are played as one batch, which makes each of them cheaper
 
 
 def run(store: Store, most: int | None = None, workers: int | None = None, only: Sequence[str] = ()) -> None:
-    """Make the runs of the suite that the file has not yet, those of the tasks ``only`` or of all."""
+    """Make the runs of the suite that the file lacks, for the tasks ``only`` or for all."""
     chosen = [task for task in suite.tasks() if not only or task.name in only]
     for task in chosen:
         store.add_task(task)
@@ -52,7 +52,7 @@ def run(store: Store, most: int | None = None, workers: int | None = None, only:
 
 
 def measure(store: Store, anew: bool = False) -> None:
-    """The CPU time of a step of each solver, all at one time; of those that are known ``anew`` only."""
+    """Measure the CPU time of a step of each solver, all in one go; known ones only with ``anew``."""
     keep_freed_memory()
     for part in suite.SUITE:
         for one in part.evaluations() if part.task in suite.COSTED else ():
@@ -63,7 +63,7 @@ def measure(store: Store, anew: bool = False) -> None:
 
 
 def results(store: Store, whole: bool = False) -> dict[str, list[Results]]:
-    """By task, what the file holds of the suite; solvers that have not played are left out."""
+    """Return the results of the suite in the file, by task; solvers without runs are left out."""
     out: dict[str, list[Results]] = {task.name: [] for task in suite.tasks()}
     for part in suite.SUITE:
         for one in part.evaluations() if part.task in out else ():
@@ -73,17 +73,21 @@ def results(store: Store, whole: bool = False) -> dict[str, list[Results]]:
 
 
 class Score(NamedTuple):
-    """What ranks the solvers of a task, in a unit for readers."""
+    """The score by which the solvers of a task are ranked, in a unit for readers."""
 
     name: str
     unit: str
     value: float
-    interval: Interval
-    bound: float = math.nan
+    interval: Interval  #: 95 % interval of the value
+    bound: float = math.nan  #: the Cramer-Rao bound of the score; NaN: none
 
 
 def score(one: Results) -> Score:
-    """The RMS that ranks; the median heading at the end where failures do, the heading's spread where no truth is known."""
+    """Return the score of a solver's results.
+
+    It is the RMS error that ranks. If failures rank, it is the median heading error at the end. If no truth is known, it is
+    the spread of the heading.
+    """
     s = one.summary
     if not s.scored:
         return Score("spread of the heading", "deg", one.spread.deg, NO_INTERVAL)
@@ -101,7 +105,7 @@ def score(one: Results) -> Score:
 
 
 def as_data(store: Store) -> dict[str, Any]:
-    """The board of the suite, and where it is from; what is not known or infinite is null."""
+    """Return the board of the suite and its provenance; values that are unknown or infinite are null."""
     tasks: list[dict[str, Any]] = []
     entries: list[dict[str, Any]] = []
     for name, group in results(store).items():
@@ -149,7 +153,7 @@ def _entry(rank: int, one: Results, yardstick: Results) -> dict[str, Any]:
 
 
 def _paired(one: Results, yardstick: Results) -> dict[str, Any] | None:
-    """Against the yardstick over their common runs: the ratio of the errors that rank, and the difference of failed runs."""
+    """Compare with the yardstick over common runs: the ratio of the errors that rank, and the difference of failed runs."""
     if one is yardstick or not one.summary.scored:
         return None
     a, b = one.records, yardstick.records
@@ -166,7 +170,7 @@ def _estimate(name: str, estimate: Estimate) -> dict[str, Any]:
 
 
 def _provenance(store: Store) -> dict[str, Any]:
-    """Which code made the runs, when, on what machine, with which packages."""
+    """Return which code made the runs, when, on which machines and with which packages."""
     keys = (one.key for part in suite.SUITE for one in part.evaluations())
     sessions = {one.id: one for key in keys for one in store.sessions(key)}
     started = sorted(one.started for one in sessions.values())
@@ -179,7 +183,7 @@ def _provenance(store: Store) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Numbers as JSON has them, to a few digits."""
+    """Return a value with its numbers in the form of JSON, to a few digits."""
     if isinstance(value, dict):
         return {key: _plain(part) for key, part in value.items()}
     if isinstance(value, (list, tuple)):
@@ -190,7 +194,7 @@ def _plain(value: Any) -> Any:
 
 
 def as_text(data: dict[str, Any]) -> str:
-    """JSON with a line for each task and each result, so that a change is seen where it is."""
+    """Return JSON with one line for each task and each result, so that differences between versions are readable."""
     parts = ['"provenance": ' + json.dumps(data["provenance"])]
     parts += [f'"{name}": [\n' + ",\n".join(map(json.dumps, data[name])) + "\n]" for name in ("tasks", "results")]
     return "{\n" + ",\n".join(parts) + "\n}\n"
@@ -200,13 +204,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description="the leaderboard of the default suite")
     parser.add_argument("--db", type=Path, default=ROOT / "leaderboard.sqlite", help="results file")
     parser.add_argument(
-        "--task", nargs="+", default=[], choices=[task.name for task in suite.tasks()], help="run these only"
+        "--task", nargs="+", default=[], choices=[task.name for task in suite.tasks()], help="run only these tasks"
     )
-    parser.add_argument("--at-most", type=int, metavar="N", help="so many runs of each")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes, default one per core")
-    parser.add_argument("--no-runs", action="store_true", help="take the file as it is")
-    parser.add_argument("--costs", action="store_true", help="measure all costs anew")
-    parser.add_argument("--out", type=Path, metavar="DIRECTORY", help="of JSON and figures, default the project's own")
+    parser.add_argument("--at-most", type=int, metavar="N", help="largest number of runs of each solver and task")
+    parser.add_argument("--workers", type=int, metavar="N", help="number of processes, default one per core")
+    parser.add_argument("--no-runs", action="store_true", help="make no runs, take the file as it is")
+    parser.add_argument("--costs", action="store_true", help="measure all costs again")
+    parser.add_argument("--out", type=Path, metavar="DIRECTORY", help="where JSON and figures go, default this project")
     given = parser.parse_args(arguments)
     with Store(given.db) as store:
         if not given.no_runs:

@@ -1,9 +1,10 @@
-"""What particles cost: one step of each particle filter as a multiple of the UKF's, in one run of the program.
+"""Cost of particles: one step of each particle filter as a multiple of a step of the UKF.
 
     python benchmarks/particles.py
 
-One run (no batch) of the 10-state alignment step through the exact large-angle epoch map, and 64 runs at once. The thesis
-gives 10 times its UKF for its CGPF with 10,000 particles, in MATLAB. CPU time, one thread, best of several.
+The step is that of the 10-state alignment with the exact epoch map for large angles, for one run and for 64 runs at once. The
+times are CPU times of one thread, the best of several. The thesis states 10 times its UKF for its CGPF with 10,000 particles,
+in MATLAB.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from solvers.filters import make_filter
 from solvers.pipeline.errors.alignment import AlignmentErrors
 from solvers.types import Gaussian, Linear, Measurement
 
-#: name, settings, how the table calls it
+#: Name of the filter, its settings, and its label in the table.
 CASES = [
     *(
         (name, {"particles": M}, f"{name}, {M:,} particles")
@@ -42,7 +43,7 @@ CASES = [
 
 
 def a_step(name: str, runs: int, settings: dict) -> Callable[[], Gaussian]:
-    """A step that goes on from the last; ``runs`` 0: one run, no run axis."""
+    """Return a function that takes the next step; with ``runs`` 0 there is one run and no run axis."""
     batch = (runs,) if runs else ()
     flt = make_filter(name, **settings)
     state = {"belief": flt.init(Gaussian(np.zeros((*batch, 10)), P0), np.random.default_rng(0))}
@@ -56,7 +57,7 @@ def a_step(name: str, runs: int, settings: dict) -> Callable[[], Gaussian]:
 
 
 def overhead_of_streams() -> str:
-    """Setting one Philox object to a run's place, against making a generator for each."""
+    """Compare the time to set one Philox object to a run's stream with that to make a generator for each run."""
     bits = np.random.Philox(0)
     state = bits.state
     seconds = []

@@ -4,9 +4,9 @@
     python benchmarks/peers.py --json benchmarks/peers.json      and keeps the result; --md FILE: as Markdown
     python benchmarks/peers.py --readme                          writes README's section from the kept result
 
-The packages live in ``.venv-peers``, made on the first call and used again. Every package filters the same record with each
-filter that it has (KF, EKF, UKF, CKF); that they solve the same problem shows in the last two columns, the differences from
-our filter of the same kind.
+The packages live in the environment ``.venv-peers``, which the first call makes. Every package filters the same record with
+each filter that it has (KF, EKF, UKF, CKF). The last two columns, the differences from our filter of the same kind, show that
+they solve the same problem.
 """
 
 from __future__ import annotations
@@ -36,9 +36,10 @@ ONE_THREAD = {
 
 
 def parser() -> argparse.ArgumentParser:
+    """Make the parser of the command line."""
     p = argparse.ArgumentParser(description="speed of filters beside that of other packages, on the alignment problem")
-    p.add_argument("--steps", type=int, default=100, help="of a run, 2 or more (default %(default)s)")
-    p.add_argument("--rounds", type=int, default=7, help="each block is timed once in each (default %(default)s)")
+    p.add_argument("--steps", type=int, default=100, help="steps of a run, 2 or more (default %(default)s)")
+    p.add_argument("--rounds", type=int, default=7, help="times that each block is timed (default %(default)s)")
     p.add_argument("--runs", type=int, nargs="+", default=[64, 1024], help="batch sizes beside 1 (default 64 1024)")
     p.add_argument("--json", type=Path, metavar="FILE", help="write the result")
     p.add_argument("--md", type=Path, metavar="FILE", help="write the table as Markdown")
@@ -65,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def measure(given: argparse.Namespace) -> None:
-    """In the environment of the packages."""
+    """Measure, print the table and write the files; runs in the environment of the packages."""
     if hasattr(os, "sched_setaffinity"):  # before NumPy and JAX count the cores
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     from peers.measuring import measured
@@ -93,7 +94,7 @@ def measure(given: argparse.Namespace) -> None:
 
 
 def gone(installed: Collection[str]) -> dict[str, list[str]]:
-    """The evidence of the feature table that installed packages no longer have."""
+    """Return the files named as evidence in the feature table that the installed packages no longer have."""
     found = {}
     for package in installed:
         if package in environment.PEERS:

@@ -1,6 +1,6 @@
 """Writes the tables of README: the leaderboard from leaderboard.json, the zoo from the registry and leaderboard.json.
 
-python benchmarks/readme.py              after leaderboard.py, or where the docstring of a solver has changed
+python benchmarks/readme.py              after leaderboard.py, or when the docstring of a solver has changed
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from sins_env.evaluation.show.numbers import angle, number
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
 JSON = ROOT / "benchmarks" / "leaderboard.json"
-BEST = 3  #: solvers of a task in the leaderboard
-SHARE = 0.1  #: of the runs of ckf that one of the best has at least
-MOST = 4  #: tasks of a solver in the zoo
-WORTH = 0.99  #: a ratio above is no win, however well it is known
+BEST = 3  #: number of solvers of a task in the leaderboard
+SHARE = 0.1  #: least number of runs of one of the best solvers, as a share of those of ckf
+MOST = 4  #: largest number of tasks of a solver in the zoo's table
+WORTH = 0.99  #: a larger ratio of errors does not count as a win, even if its interval is below 1
 
-Entry = dict[str, Any]
+Entry = dict[str, Any]  #: a task or a result of leaderboard.json
 
 
 def written(document: str, board: dict[str, Any]) -> str:
-    """``document`` with the two tables between their markers."""
+    """Return ``document`` with the two tables between their markers."""
     document = markers.replaced(document, "leaderboard", leaderboard(board))
     return markers.replaced(document, "zoo", zoo_table(board))
 
 
 def leaderboard(board: dict[str, Any]) -> str:
-    """A row a task."""
+    """Return the leaderboard with one row per task, and a line that tells its provenance."""
     head = ("task", "runs", "bound", "`ckf` [95 %]", "the best: error, × bound, aligned")
     rows = [_task_row(task, _of_task(board, task["task"])) for task in board["tasks"]]
     made = board["provenance"]
@@ -59,7 +59,7 @@ def _task_row(task: Entry, entries: Sequence[Entry]) -> tuple[str, ...]:
 
 
 def _best_first(task: Entry, entries: Sequence[Entry]) -> list[Entry]:
-    """By the ratio to ckf over the common runs, which holds whatever runs a solver has; else as they are ranked."""
+    """Sort the results by their ratio to ckf over common runs, which needs no equal numbers of runs; else by rank."""
     if task["ranked_by"] == "score":
         return sorted(entries, key=lambda one: one["paired"]["ratio"] if one["paired"] else 1.0)
     if task["ranked_by"] is None:
@@ -68,12 +68,12 @@ def _best_first(task: Entry, entries: Sequence[Entry]) -> list[Entry]:
 
 
 def _strong(one: Entry) -> str:
-    """The name, bold where it is better than ckf beyond chance."""
+    """Return the solver's name, in bold if it is better than ckf beyond chance."""
     return f"**`{one['solver']}`**" if _wins(one) else f"`{one['solver']}`"
 
 
 def _told(one: Entry, task: Entry, interval: bool = False) -> str:
-    """An error with what else there is to say of it."""
+    """Return an error as text, with its ratios and the share of aligned or failed runs."""
     text = _value(one["score"], task["unit"])
     if interval and None not in one["interval"]:
         text += f" [{'–'.join(_value(end, task['unit']) for end in one['interval'])}]"
@@ -94,7 +94,7 @@ def _value(value: float | None, unit: str) -> str:
 
 
 def _wins(one: Entry) -> bool:
-    """Better than ckf over the common runs: in the ratio of errors or in failed runs, with all of the interval."""
+    """Return whether the whole interval shows it better than ckf, in the ratio of errors or in failed runs."""
     paired = one["paired"]
     return bool(paired) and (_smaller(paired) or paired["failures_interval"][1] < 0)
 
@@ -104,7 +104,7 @@ def _smaller(paired: Entry) -> bool:
 
 
 def zoo_table(board: dict[str, Any]) -> str:
-    """A row a solver."""
+    """Return the table of the zoo with one row per solver."""
     head = ("solver", "idea", "source", "cost", "where it wins")
     costs = {one["solver"]: one["cost"] for one in _of_task(board, suite.COSTED[0])}
     rows = [
@@ -119,7 +119,7 @@ def _cost(ratio: float | None) -> str:
 
 
 def _where(board: dict[str, Any], solver: str) -> str:
-    """The tasks it wins, the best first; '-' where it wins none."""
+    """Return the tasks that a solver wins, the best first; '-' if there is none."""
     ranked_by = {task["task"]: task["ranked_by"] for task in board["tasks"]}
     won = []
     for one in board["results"]:

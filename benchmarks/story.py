@@ -1,4 +1,4 @@
-"""The two figures of README, from the runs of the leaderboard: what accuracy costs, and how an error ends."""
+"""The two figures of README, from the runs of the leaderboard: accuracy against cost, and errors against time."""
 
 from __future__ import annotations
 
@@ -23,37 +23,38 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Board = Mapping[str, Sequence[Results]]  #: by task
-Point = tuple[float, float]
+Board = Mapping[str, Sequence[Results]]  #: results by task
+Point = tuple[float, float]  #: cost and error
 
-#: Tasks, what their panels say, and whom to name beside the front.
+#: Tasks of the first figure, with the titles of their panels and the solvers that are named in addition to the front.
 COSTS = {
     "sway-white-v0": ("nothing is wrong", ("ckf", "gsf_ekf", "two_pass", "gpf")),
     "sway-told-wrong-v0": ("told noise is wrong", ("ckf", "imm_ekf")),
     "sway-anyheading-v0": ("heading unknown", ("ckf", "inekf")),
     "flight-hotstart60-v0": ("flight, heading wrong by 60 deg (1 sigma)", ("ckf",)),
 }
+#: Tasks of the second figure, with the titles of their panels and the solvers that are drawn.
 TIMES = {
     "sway-told-wrong-v0": ("told noise is wrong", ("ckf", "aukf", "imm_ekf")),
     "sway-anyheading-v0": ("heading unknown", ("ckf", "iekf", "gsf_ekf")),
 }
-SAMPLES = 80  #: of a curve
+SAMPLES = 80  #: number of points of a curve
 TICKS = (0.5, 1, 2, 5)
-BETTER = 0.9  #: of the front those are named whose error is so many times that of all that are cheaper
+BETTER = 0.9  #: a solver of the front is named if its error is at most so many times that of the next cheaper one
 
 
 def draw(board: Board, folder: Path) -> None:
-    """``cost.svg`` and ``time.svg``, of the tasks that the board has."""
+    """Write ``cost.svg`` and ``time.svg`` for the tasks that the board has."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, figure in (("cost", cost_figure(board)), ("time", time_figure(board))):
         path = folder / f"{name}.svg"
-        with matplotlib.rc_context({"svg.hashsalt": name}):  # the same runs, the same file
+        with matplotlib.rc_context({"svg.hashsalt": name}):  # equal runs give an equal file
             figure.savefig(path, metadata={"Date": None})
         remark(f"figure: {path}, {path.stat().st_size / 1e3:.0f} kB")
 
 
 def cost_figure(board: Board) -> Figure:
-    """Error over the bound against the cost of a step over that of ckf; the front is named."""
+    """Draw the error over the bound against the cost of a step over that of ckf; solvers of the front are named."""
     figure = new_figure(9.0, 6.8)
     panels = figure.subplots(2, 2, sharex=True).ravel()
     for axes, (task, (title, named)) in zip(panels, COSTS.items(), strict=False):
@@ -70,7 +71,10 @@ def cost_figure(board: Board) -> Figure:
 
 
 def _placed(board: Board, task: str) -> dict[str, Point]:
-    """By solver cost and error; where runs are fewer than ckf's its error and the ratio over the common runs."""
+    """Return cost and error over the bound by solver.
+
+    If a solver has another number of runs than ckf, its error is the paired ratio times the error of ckf.
+    """
     lines = board[task]
     yardstick = next(one for one in lines if one.solver == suite.YARDSTICK)
     costs = _costs_of(board, navigates=yardstick.records.criteria.navigates)
@@ -86,7 +90,7 @@ def _placed(board: Board, task: str) -> dict[str, Point]:
 
 
 def _costs_of(board: Board, navigates: bool) -> dict[str, float]:
-    """Of a step beside ckf's, measured on the one task of that kind."""
+    """Return the cost of a step over that of ckf by solver, measured on the one task of that kind."""
     measured = [one for task in suite.COSTED for one in board.get(task, ()) if one.cost]
     return {
         one.solver: one.cost.ratio
@@ -112,7 +116,7 @@ def _costs(axes: Axes, points: Mapping[str, Point], named: Sequence[str]) -> Non
 
 
 def time_figure(board: Board) -> Figure:
-    """RMS of the azimuth error over time with 95 % bands, and the bound."""
+    """Draw the RMS of the azimuth error against time with 95 % bands, and the bound."""
     figure = new_figure(9.0, 3.9)
     panels = figure.subplots(1, 2, sharey=True)
     for axes, (task, (title, solvers)) in zip(panels, TIMES.items(), strict=False):

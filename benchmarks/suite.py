@@ -1,8 +1,8 @@
-"""The default suite: which solvers play which tasks, and with how many runs. What says most is run first.
+"""The default suite: which solvers play which tasks, and with how many runs. The most informative runs come first.
 
-``sway-white-v0`` is for all. Any other task is for ckf, for those that are made for what is wrong there, and for the
-plainest filters; near-duplicates stay out (``ukf`` is ckf by default, ``hinf_uif`` is ``hinf_ukf``, a fifth-degree robust
-filter is like its third-degree one), and so do particle filters, which take seconds to minutes a run, but for a few runs.
+All solvers play ``sway-white-v0``. Other tasks are for ckf, for the plainest filters, and for those made for what is wrong
+there. Near-duplicates are left out: ``ukf`` is ckf by default, ``hinf_uif`` is ``hinf_ukf``, and a fifth-degree robust filter
+is like its third-degree one. Particle filters take seconds to minutes a run and play only a few.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ YARDSTICK = "ckf"
 
 
 class Portion(NamedTuple):
-    """Solvers that play a task with the same runs."""
+    """A task, and the solvers that play it with the same runs."""
 
     task: str
     runs: int
     solvers: tuple[str, ...]
 
     def evaluations(self, most: int | None = None) -> list[Evaluation]:
-        """At ``most`` so many runs; a recording has its windows."""
+        """Return what is to be run, with ``most`` runs at most; a recording has no more than its windows."""
         task = get_task(self.task)
         runs = min(self.runs, most or self.runs, task.max_runs or self.runs)
         return [Evaluation.of(task, solver, {}, range(runs), None) for solver in self.solvers]
@@ -74,12 +74,12 @@ SUITE = (
     Portion("vehicle-v0", 30, ("ekf", "imm_ekf", "aukf_window", "huber_ckf", "mpf_ekf", *AT_REST)),
 )
 
-#: Where a step's cost is measured beside ckf's: for ten states, and for fifteen.
+#: Tasks on which the cost of a step is measured beside that of ckf: one with ten states, one with fifteen.
 COSTED = ("sway-white-v0", "flight-hotstart60-v0")
 
 
 def tasks() -> list[EvaluationTask]:
-    """Those of the suite, in the catalogue's order; a recording that is not there is left out."""
+    """Return the tasks of the suite in the catalogue's order; those of a missing recording are left out."""
     played = {portion.task for portion in SUITE}
     found = [task for name, task in TASKS.items() if name in played]
     return [task for task in found if not task.windows or _there(task)]

@@ -1,4 +1,4 @@
-"""What the registered solvers say of themselves in their docstrings, in the words of a table: their idea, and where it is from."""
+"""Idea and source of every solver, taken from the docstrings for a table."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import re
 import solvers
 from solvers import filters
 
-LONGEST = 158  #: characters of an idea; what would be longer keeps the solver's title alone
+LONGEST = 158  #: largest number of characters of an idea; a longer one is cut down to the solver's title
 
 AFTER = ("Shapes:", "Departures:", "One run at a time")  #: what follows the sources in a docstring
 #: What a table leaves out of the sources: titles, remarks, and pages of this repository.
@@ -22,13 +22,13 @@ UNSHOWN = (
 
 
 def names() -> list[str]:
-    """Every solver: the filters family by family, then what is complete by itself."""
+    """Return every solver: the filters family by family, then the complete estimators."""
     known = filters.names()
     return [*known, *(name for name in solvers.names() if name not in known)]
 
 
 def idea(name: str) -> str:
-    """The first sentence of the solver, and the idea of its module where both are short and not the same."""
+    """Return the first sentence of the solver, and the idea of its module if both are short and not the same."""
     title = re.sub(r"^The (\w)", lambda found: found[1].upper(), _sentences(solvers.describe(name))[0].rstrip("."))
     clause = _clause(_module(name))
     said = not clause or " ".join(clause.split()[-4:]) in title
@@ -36,7 +36,7 @@ def idea(name: str) -> str:
 
 
 def source(name: str) -> str:
-    """Papers, linked by their DOI, and sections of the source documents."""
+    """Return papers, linked by their DOI, and sections of the source documents."""
     doc = _module(name)
     if not doc:  # a complete estimator says it in its own sentences
         told = _sentences(solvers.describe(name))
@@ -58,13 +58,13 @@ def _link(found: re.Match[str]) -> str:
 
 
 def _module(name: str) -> str:
-    """The docstring of a filter's module; a complete estimator has none that is about it alone."""
+    """Return the docstring of a filter's module; a complete estimator has none about it alone."""
     cls = filters.FILTERS.get(name)
     return (inspect.getdoc(inspect.getmodule(cls)) or "") if cls else ""
 
 
 def _clause(doc: str) -> str:
-    """What follows the colon of a module's first sentence, but for a list of its filters; else the first clause of its idea."""
+    """Return what follows the colon of a module's first sentence, unless it lists filters; else the idea's first clause."""
     head = _sentences(doc)[0].partition(": ")[2].rstrip(".")
     told = re.search(r"^Idea: (.*?)(?:\n\n|\Z)", doc, re.S | re.M)
     if head and ", and " not in head:

@@ -1,1 +1,5 @@
-"""The alignment problem of ten states in other filter packages, one file a package. Run by ``benchmarks/peers.py``."""
+"""The alignment problem of ten states in other filter packages, with one file per package ``on_...``.
+
+``benchmarks/peers.py`` runs them. Read ``problem`` first, then ``contest``, ``ours`` and ``measuring``; ``tables`` writes the
+result.
+"""

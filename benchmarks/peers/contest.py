@@ -1,4 +1,4 @@
-"""What a package enters into the comparison: one of its filters, ready to filter a number of runs."""
+"""Entries of a package in the comparison: one of its filters, ready to filter a number of runs."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ import numpy as np
 from peers.problem import OneRun, Problem
 from solvers.types import Gaussian
 
-#: of the unscented filters, everywhere: all points count, and the centre's two weights differ
+#: Settings of all unscented filters: every point has a weight, and the two weights of the centre differ.
 UKF = {"alpha": 1.0, "beta": 2.0, "kappa": 1.0}
 
-Block = Callable[
-    [], Gaussian
-]  #: filters all steps of some runs: means (runs, 10), covariances (runs, 10, 10) at the end
+#: A function that filters all steps of some runs, and returns means (runs, 10) and covariances (runs, 10, 10) at the end.
+Block = Callable[[], Gaussian]
 
 
 @dataclass(frozen=True)
@@ -23,16 +22,16 @@ class Entry:
     """A filter of a package."""
 
     filter: str  #: "KF", "EKF", "UKF" or "CKF"
-    numbers: str  #: "NumPy" or "JAX", on which it runs
+    numbers: str  #: the library on which it runs, "NumPy" or "JAX"
     how: str  #: what it is given, and how it steps
-    make: Callable[[Problem, int], Block]  #: the block for the first runs of the problem
+    make: Callable[[Problem, int], Block]  #: makes the block for the first runs of the problem
     batched: bool = False  #: whether it takes many runs at once; else they are filtered one after another
     compiled: bool = False  #: whether the first call compiles
-    remark: str = ""  #: why it differs from ours
+    remark: str = ""  #: why it differs from our filter
 
 
 def looped(one: Callable[[Problem, OneRun], Gaussian]) -> Callable[[Problem, int], Block]:
-    """The maker for a filter of one run."""
+    """Make the maker of blocks for a filter that takes one run at a time."""
 
     def make(problem: Problem, runs: int) -> Block:
         each = [problem.one(i) for i in range(runs)]

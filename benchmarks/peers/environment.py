@@ -1,4 +1,4 @@
-"""The other packages, and a virtual environment of their own, beside the project's. Standard library only."""
+"""The other packages, and their own virtual environment. This module needs the standard library only."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ PYTHON = FOLDER / ("Scripts" if sys.platform == "win32" else "bin") / "python"
 
 @dataclass(frozen=True)
 class Peer:
-    distribution: str = ""  #: its name in the registry
-    needs: tuple[str, ...] = ()  #: what it does not install itself
-    module: str = ""  #: of its entries, in this folder
-    absent: str = ""  #: why it cannot be measured at all
+    """Another package."""
+
+    distribution: str = ""  #: its name on the package index
+    needs: tuple[str, ...] = ()  #: packages that it needs but does not install
+    module: str = ""  #: module in this folder with its entries
+    absent: str = ""  #: why it cannot be measured
 
 
 PEERS = {
@@ -33,7 +35,7 @@ PEERS = {
 
 
 def prepare() -> None:
-    """Makes the environment and installs what is missing in it; what cannot be installed is said in one line.
+    """Make the environment and install what it lacks; a package that cannot be installed is named in one line.
 
     Raises:
         SystemExit: sins_env itself cannot be installed.
@@ -53,14 +55,14 @@ def prepare() -> None:
 
 
 def installed() -> set[str]:
-    """Names of the distributions in the environment."""
+    """Return the names of the distributions in the environment."""
     ask = [str(PYTHON), "-m", "pip", "--disable-pip-version-check", "list", "--format=json"]
     done = subprocess.run(ask, capture_output=True, text=True, check=True)
     return {str(each["name"]).lower() for each in json.loads(done.stdout)}
 
 
 def install(*what: str) -> str:
-    """Empty, or why it failed."""
+    """Install distributions, and return why that failed; an empty text means that it did not."""
     done = subprocess.run(
         [str(PYTHON), "-m", "pip", "--disable-pip-version-check", "install", "--quiet", *what],
         capture_output=True,

@@ -1,7 +1,7 @@
-"""What each package can do, as data with the evidence. Standard library only.
+"""Features of each package, as data with the evidence. This module needs the standard library only.
 
-The evidence is a file of the package, relative to its installation (of PSINS: to its source), that was looked at, not an
-audit; ``missing_evidence`` says which files are no longer there. A mark without evidence is "no": nothing was found.
+The evidence is a file of the package that was looked at, not an audit. Its path is relative to the installation, for PSINS to
+the source. ``missing_evidence`` tells which files no longer exist. A package without a mark has "no": nothing was found.
 """
 
 from __future__ import annotations
@@ -14,16 +14,21 @@ PACKAGES = ("filterpy", "Stone Soup", "pyins", "PSINS", "kalman-py", "dynamax", 
 
 
 class Mark(NamedTuple):
-    text: str  #: "yes", or what part of it there is
-    evidence: str  #: a file
+    """Whether a package has a feature, and how that is known."""
+
+    text: str  #: "yes", or the part of the feature that it has
+    evidence: str  #: path of a file
 
 
 class Feature(NamedTuple):
+    """A row of the table of features."""
+
     name: str
-    marks: Mapping[str, Mark]  #: by package; no mark: no
+    marks: Mapping[str, Mark]  #: marks by package; a package without one has "no"
 
 
 def yes(evidence: str) -> Mark:
+    """Make the mark of a package that has the feature."""
     return Mark("yes", evidence)
 
 
@@ -54,7 +59,7 @@ FEATURES = (
     Feature(
         "CKF",
         {
-            # update() takes the points from before Q was added: sigmas_f is not redrawn
+            # update() takes the points from before Q was added, for sigmas_f is not drawn anew
             "filterpy": Mark("without Q in the update", "filterpy/kalman/CubatureKalmanFilter.py"),
             "Stone Soup": yes("stonesoup/predictor/kalman.py"),
             "PSINS": yes("base/kf/ckf.m"),
@@ -154,6 +159,6 @@ FEATURES = (
 
 
 def missing_evidence(package: str, folder: Path) -> list[str]:
-    """Files of the evidence of a package that are not in the folder where it is installed."""
+    """Return the files named as evidence of a package that are not in the folder of its installation."""
     files = {feature.marks[package].evidence for feature in FEATURES if package in feature.marks}
     return sorted(file for file in files if not (folder / file).is_file())

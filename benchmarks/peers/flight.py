@@ -1,7 +1,7 @@
 """A whole INS with GPS on one flight: strapdown, error model, filter and feedback, at each IMU increment and fix.
 
-pyins has no filter of its own to put our problem into: its filters are this INS. So both fly the same record, an IMU
-increment and a fix of position and velocity at each epoch of 0.1 s, from the same told start and prior.
+The filters of pyins are such an INS and take no model of ours. Therefore both fly the same record, from the same told start and
+prior. It has an IMU increment and a fix of position and velocity at each epoch of 0.1 s.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ TASK = "flight-lu-gauss-v0"
 
 
 class Flown(NamedTuple):
-    """The state at the end of the flight, and the covariance of phi rad, velocity m/s and position m, where it is told."""
+    """The estimate at the end of the flight."""
 
     nav: NavState
-    cov: Array | None = None
+    cov: Array | None = None  #: (9, 9), covariance of phi rad, velocity m/s and position m; None: not told
 
 
 class Tape:
-    """An estimator that keeps what it is told and answers with the start."""
+    """An estimator that keeps the observations and always answers with the told start."""
 
     batched = False
 
@@ -44,14 +44,14 @@ class Tape:
 
 
 def record(steps: int) -> Tape:
-    """The first run of the task, with one epoch more than ``steps``."""
+    """Record the first run of the task, with one epoch more than ``steps``."""
     tape = Tape()
     Probe(get_task(TASK), lambda: tape, {}, 1, warm_up=steps + 1).close()
     return tape
 
 
 def ours(tape: Tape, steps: int) -> Callable[[], Flown]:
-    """The extended Kalman filter on 15 errors, closed loop."""
+    """Make the block of our extended Kalman filter on 15 errors, closed loop."""
 
     def block() -> Flown:
         navigator = solvers.make("ekf")
@@ -64,7 +64,7 @@ def ours(tape: Tape, steps: int) -> Callable[[], Flown]:
 
 
 def apart(ours: Flown, other: Flown) -> float:
-    """The largest of the nine differences of two ends, in our standard deviations."""
+    """Return the largest of the nine differences of two ends, in our standard deviations."""
     assert ours.cov is not None
     metres = earth.offset(earth.get("wgs84"), ours.nav.pos, other.nav.pos)
     difference = np.concatenate(

@@ -1,8 +1,8 @@
 """Times every entry of every package on the same problem, in one process on one core.
 
-A block is a filter over all steps of some runs, again and again for some hundredths of a second. Every round times each
-block once, so that a busy machine slows all of them; what is reported is the median over the rounds of the CPU time. The
-first call of a block, which compiles it in JAX, is timed apart.
+A block runs a filter over all steps of some runs, repeatedly for some hundredths of a second. Every round times each block
+once, so that a busy machine slows all of them alike. The result is the median over the rounds of the CPU time. The first call
+of a block, which compiles it in JAX, is timed separately.
 """
 
 from __future__ import annotations
@@ -31,34 +31,36 @@ from sins_env.evaluation.estimators.memory import keep_freed_memory
 from solvers.types import Gaussian
 
 TASK = "sway-white-v0"
-BLOCK_S = 0.03  #: at least, of a block in a round
-NOISIER = 1e4  #: times Q, in a second comparison of what the filters find; it shows who forgets Q
-FEW = 4  #: runs that a package which takes one at a time filters one after another; more take as long each
+BLOCK_S = 0.03  #: s, least time of a block in a round
+NOISIER = 1e4  #: factor of Q in a second comparison of the estimates, which shows a filter that leaves out Q
+FEW = 4  #: number of runs for a package that takes one at a time; more runs take equally long each
 
 
 @dataclass
 class Timed:
-    """A block, and what its calls cost."""
+    """A block, and the cost of its calls."""
 
     label: str
     call: Callable[[], Any]
-    steps: int  #: filtered by one call, over all its runs
+    steps: int  #: number of steps that a call filters, over all its runs
     first_s: float = 0.0  #: wall time of the first call
-    end: Any = None  #: what the first call returned
-    repeat: int = 1  #: calls in a round
+    end: Any = None  #: result of the first call
+    repeat: int = 1  #: number of calls in a round
     seconds: list[float] = field(default_factory=list)  #: CPU time of a call, in each round
 
     def begin(self) -> None:
+        """Make the first call, and choose the number of calls in a round."""
         begin = time.perf_counter()
         self.end = self.call()
         self.first_s = time.perf_counter() - begin
         self.repeat = max(1, round(BLOCK_S / self.timed()))
 
     def again(self) -> None:
+        """Time the block in one more round."""
         self.seconds.append(self.timed())
 
     def timed(self) -> float:
-        """CPU seconds of a call."""
+        """Return the CPU seconds of a call."""
         begin = time.process_time()
         for _ in range(self.repeat):
             self.call()
@@ -66,6 +68,7 @@ class Timed:
 
     @property
     def step_s(self) -> float:
+        """CPU seconds of a step of one run."""
         return statistics.median(self.seconds) / self.steps
 
 
@@ -78,11 +81,14 @@ class Entered:
     blocks: dict[int, Timed]
 
     def row(self, sizes: Sequence[int], reference: Gaussian, noisier: dict[str, Any]) -> dict[str, Any]:
-        """``noisier``: the noisier problem, and what our filters found there."""
+        """Return the row of the result.
+
+        ``reference`` is the estimate of our filter of the same kind; ``noisier`` holds the noisier problem and our estimates there.
+        """
         looped = not self.entry.batched
         mean, cov = differences(reference, self.blocks[FEW if looped else sizes[0]].end)
         loud = None
-        if not self.entry.compiled:  # for another compilation costs more than it would tell
+        if not self.entry.compiled:  # compiling once more would cost more than it is worth
             loud = max(differences(noisier[self.entry.filter], self.entry.make(noisier["problem"], FEW)()))
         return {
             "peer": self.peer,
@@ -101,7 +107,7 @@ class Entered:
 
 
 def differences(reference: Gaussian, end: Gaussian) -> tuple[float, float]:
-    """The largest over the runs of both of |x - x'| in standard deviations, and of |P - P'| in products of two of them."""
+    """Return the largest |x - x'| in standard deviations, and the largest |P - P'| in products of two, over common runs."""
     runs = min(len(reference.mean), len(end.mean))
     std = np.sqrt(np.diagonal(reference.cov[:runs], axis1=1, axis2=2))
     mean = np.abs(end.mean[:runs] - reference.mean[:runs]) / std
@@ -110,7 +116,7 @@ def differences(reference: Gaussian, end: Gaussian) -> tuple[float, float]:
 
 
 def load(name: str, absent: dict[str, str]) -> Any:
-    """The module of a package's entries; None, with the reason in ``absent``, where the package is not there."""
+    """Import the module with a package's entries; if that fails return None, and put the reason into ``absent``."""
     try:
         return importlib.import_module(f"peers.{PEERS[name].module}")
     except ImportError as error:
@@ -119,7 +125,7 @@ def load(name: str, absent: dict[str, str]) -> Any:
 
 
 def entered(problem: Problem, peers: dict[str, Any], sizes: Sequence[int], absent: dict[str, str]) -> list[Entered]:
-    """The filters whose first calls come to an end; the others, with the error, in ``absent``."""
+    """Return the filters whose first calls succeed, and put the others with their error into ``absent``."""
     found = []
     every = [(peer, entry) for peer, module in peers.items() for entry in module.entries()]
     for peer, entry in track(every, "first calls"):
@@ -137,7 +143,7 @@ def entered(problem: Problem, peers: dict[str, Any], sizes: Sequence[int], absen
 
 
 def flown(steps: int, navigator: Any) -> dict[str, Timed]:
-    """The INS of pyins (None: it is not there) and ours."""
+    """Make the first calls of our INS and that of pyins; ``navigator`` is its module, or None if it is absent."""
     tape = flight.record(steps)
     found = {"sins_env": Timed("sins_env INS", flight.ours(tape, steps), steps)}
     if navigator is not None:
@@ -148,7 +154,10 @@ def flown(steps: int, navigator: Any) -> dict[str, Timed]:
 
 
 def play(every: Sequence[Timed], rounds: int) -> float | None:
-    """Times every block in every round; the cores that other processes kept busy meanwhile, where the system tells."""
+    """Time every block in every round.
+
+    Return the number of cores that other processes kept busy meanwhile; None if the system does not tell.
+    """
     begin, before = time.perf_counter(), others_s()
     with Progress() as progress:
         bar = progress.add_task("", total=len(every) * rounds)
@@ -163,7 +172,7 @@ def play(every: Sequence[Timed], rounds: int) -> float | None:
 
 
 def measured(steps: int, rounds: int, sizes: Sequence[int]) -> dict[str, Any]:
-    """The result as written to the JSON."""
+    """Measure everything, and return the result as it is written to the JSON."""
     keep_freed_memory()
     absent = {name: peer.absent for name, peer in PEERS.items() if peer.absent}
     modules = {name: load(name, absent) for name in PEERS if name not in absent}
@@ -200,7 +209,7 @@ def measured(steps: int, rounds: int, sizes: Sequence[int]) -> dict[str, Any]:
 
 
 def versions(names: Sequence[str]) -> dict[str, str]:
-    """Of the packages, and of what they count on."""
+    """Return the versions of the packages, and of numpy, scipy and jax."""
     found = {name: version(PEERS[name].distribution) for name in names}
     for name in ("numpy", "scipy", "jax"):
         with contextlib.suppress(PackageNotFoundError):
@@ -209,7 +218,7 @@ def versions(names: Sequence[str]) -> dict[str, str]:
 
 
 def others_s() -> float | None:
-    """Seconds that other processes have had a core so far, summed over the cores; None where the system does not tell."""
+    """Return the CPU seconds of other processes so far, over all cores; None if the system does not tell."""
     try:
         with open("/proc/stat") as lines:
             user, nice, system, _, _, irq, softirq, steal = (int(ticks) for ticks in lines.readline().split()[1:9])
@@ -220,6 +229,7 @@ def others_s() -> float | None:
 
 
 def machine() -> dict[str, Any]:
+    """Return what machine this is."""
     return {
         "processor": processor(),
         "cores": os.cpu_count(),
@@ -229,6 +239,7 @@ def machine() -> dict[str, Any]:
 
 
 def processor() -> str:
+    """Return the name of the processor."""
     try:
         with open("/proc/cpuinfo") as lines:
             return next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))

@@ -1,7 +1,7 @@
-"""dynamax: its Kalman, extended, unscented and conditional-moments filters, a whole record in one compiled scan.
+"""dynamax: its Kalman, extended, unscented and conditional-moments filters, with a whole record in one compiled scan.
 
-They correct before they predict, so that each is started with the prediction of the first epoch. The conditional-moments
-filter with the unscented rule at alpha = 1, beta = kappa = 0 is the cubature filter.
+They correct before they predict, so each starts with the prediction of the first epoch. The conditional-moments filter with the
+unscented rule at alpha = 1, beta = kappa = 0 is the cubature filter.
 """
 
 from __future__ import annotations
@@ -33,38 +33,44 @@ from solvers.types import Gaussian, Linear, Transition
 DISTRIBUTION = "dynamax"
 KEPT = ["filtered_means", "filtered_covariances"]
 
-One = Callable[..., Any]  #: (P0, predicted mean, its covariance, model of each step, fixes) -> posterior
+One = Callable[..., Any]  #: from problem, predicted mean and covariance, model of each step and fixes to the posterior
 
 
 def dynamics(x: jax.Array, epoch: jax.Array) -> jax.Array:
+    """Return f(x) of an epoch."""
     return jnp.stack(advance(x, epoch, jnp))
 
 
 def seen(x: jax.Array, epoch: jax.Array) -> jax.Array:
+    """Return h(x), the two velocities."""
     return x[:2]
 
 
 def kf(problem: Problem, mean: jax.Array, cov: jax.Array, F: jax.Array, z: jax.Array) -> Any:
+    """Filter one run with the Kalman filter."""
     return lgssm_filter(make_lgssm_params(mean, cov, F, problem.Q, problem.H, problem.R), z)
 
 
 def ekf(problem: Problem, mean: jax.Array, cov: jax.Array, epochs: jax.Array, z: jax.Array) -> Any:
+    """Filter one run with the extended Kalman filter."""
     model = ParamsNLGSSM(mean, cov, dynamics, problem.Q, seen, problem.R)
     return extended_kalman_filter(model, z, inputs=epochs, output_fields=KEPT)
 
 
 def ukf(problem: Problem, mean: jax.Array, cov: jax.Array, epochs: jax.Array, z: jax.Array) -> Any:
+    """Filter one run with the unscented Kalman filter."""
     model = ParamsNLGSSM(mean, cov, dynamics, problem.Q, seen, problem.R)
     return unscented_kalman_filter(model, z, UKFHyperParams(**UKF), inputs=epochs, output_fields=KEPT)
 
 
 def ckf(problem: Problem, mean: jax.Array, cov: jax.Array, epochs: jax.Array, z: jax.Array) -> Any:
+    """Filter one run with the cubature Kalman filter."""
     model = ParamsGGSSM(mean, cov, dynamics, problem.Q, seen, lambda x, epoch: problem.R)
     return conditional_moments_gaussian_filter(model, UKFIntegrals(1.0, 0.0, 0.0), z, inputs=epochs)
 
 
 def predicted(name: str, problem: Problem, runs: int) -> Gaussian:
-    """After the first epoch, by our filter of the same kind: (runs, 10), (runs, 10, 10)."""
+    """Return the prediction of the first epoch by our filter of the same kind: (runs, 10), (runs, 10, 10)."""
     filter = make_filter(name, **ours.SETTINGS[name])
     f = Linear(problem.F[0, :runs]) if name == "kf" else problem.maps(slice(0, runs))[0]
     belief = filter.init(Gaussian(np.zeros((runs, 10)), problem.P0), None)
@@ -72,6 +78,7 @@ def predicted(name: str, problem: Problem, runs: int) -> Gaussian:
 
 
 def filter_runs(name: str, problem: Problem, runs: int) -> Block:
+    """Make the block of one of the filters, compiled, with ``jax.vmap`` over the runs."""
     filtered = {"kf": kf, "ekf": ekf, "ukf": ukf, "ckf": ckf}[name]
     model = problem.F if name == "kf" else problem.epochs
 
@@ -89,6 +96,7 @@ def filter_runs(name: str, problem: Problem, runs: int) -> Block:
 
 
 def entries() -> list[Entry]:
+    """Return the filters of the package."""
     return [
         Entry(
             name.upper(),

@@ -19,10 +19,12 @@ DISTRIBUTION = "filterpy"
 
 
 def started(o: object, problem: Problem) -> None:
+    """Give a filter the prior and the noise of the problem."""
     o.x, o.P, o.Q, o.R = problem.mean, problem.P0.copy(), problem.Q, problem.R  # type: ignore[attr-defined]
 
 
 def kf(problem: Problem, run: OneRun) -> Gaussian:
+    """Filter one run with KalmanFilter."""
     o = KalmanFilter(dim_x=10, dim_z=2)
     started(o, problem)
     o.H = problem.H
@@ -33,7 +35,7 @@ def kf(problem: Problem, run: OneRun) -> Gaussian:
 
 
 class EKF(ExtendedKalmanFilter):
-    """predict_x overridden, as its manual asks for."""
+    """ExtendedKalmanFilter with predict_x overridden, as its manual asks."""
 
     predicted: Array
 
@@ -42,6 +44,7 @@ class EKF(ExtendedKalmanFilter):
 
 
 def ekf(problem: Problem, run: OneRun) -> Gaussian:
+    """Filter one run with ExtendedKalmanFilter."""
     o = EKF(dim_x=10, dim_z=2)
     started(o, problem)
     for k, z in enumerate(run.z):
@@ -52,6 +55,7 @@ def ekf(problem: Problem, run: OneRun) -> Gaussian:
 
 
 def ukf(problem: Problem, run: OneRun) -> Gaussian:
+    """Filter one run with UnscentedKalmanFilter."""
     points = MerweScaledSigmaPoints(10, **UKF)
     o = UnscentedKalmanFilter(10, 2, dt=1.0, hx=lambda x: x[:2], fx=None, points=points)
     started(o, problem)
@@ -62,6 +66,7 @@ def ukf(problem: Problem, run: OneRun) -> Gaussian:
 
 
 def ckf(problem: Problem, run: OneRun) -> Gaussian:
+    """Filter one run with CubatureKalmanFilter."""
     o = CubatureKalmanFilter(10, 2, dt=1.0, hx=lambda x: x[:2], fx=lambda x, dt, f: f(x))
     started(o, problem)
     o.x = o.x[:, None]  # with a state (10,) it broadcasts the fix to (10, 2)
@@ -72,6 +77,7 @@ def ckf(problem: Problem, run: OneRun) -> Gaussian:
 
 
 def entries() -> list[Entry]:
+    """Return the filters of the package."""
     return [
         Entry("KF", "NumPy", "F given", looped(kf)),
         Entry("EKF", "NumPy", "f and Jacobian in NumPy", looped(ekf)),

@@ -1,6 +1,6 @@
 """kalman-py: its Kalman, extended and unscented filters, on NumPy and on JAX.
 
-Its f is f(x, dt); the number of the epoch goes in for dt, which is the one argument that changes from step to step.
+Its f has the arguments x and dt. The number of the epoch takes the place of dt, the only argument that changes at each step.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ DISTRIBUTION = "kalman-py"
 
 
 def kf(problem: Problem, run: OneRun) -> Gaussian:
+    """Filter one run with KalmanFilter."""
     o = KalmanFilter(run.F[0], problem.H, problem.Q, problem.R, problem.mean, problem.P0)
     for F, z in zip(run.F, run.z, strict=True):
         o.predict(F=F)
@@ -30,6 +31,7 @@ def kf(problem: Problem, run: OneRun) -> Gaussian:
 
 
 def ekf(problem: Problem, run: OneRun) -> Gaussian:
+    """Filter one run with ExtendedKalmanFilter on NumPy."""
     o = ExtendedKalmanFilter(
         lambda x, k: run.plain[int(k)](x),
         lambda x: x[:2],
@@ -41,6 +43,7 @@ def ekf(problem: Problem, run: OneRun) -> Gaussian:
 
 
 def ukf(problem: Problem, run: OneRun) -> Gaussian:
+    """Filter one run with UnscentedKalmanFilter on NumPy."""
     o = UnscentedKalmanFilter(
         lambda x, k: run.arrays[int(k)](x),
         lambda x: x[..., :2],
@@ -52,20 +55,22 @@ def ukf(problem: Problem, run: OneRun) -> Gaussian:
 
 
 def last(result: Any) -> Gaussian:
+    """Return the estimate at the end."""
     return Gaussian(result.means[-1], result.covs[-1])
 
 
 def traced(epochs: jax.Array) -> Callable[[jax.Array, jax.Array], jax.Array]:
-    """f(x, number of the epoch) for JAX."""
+    """Return f(x, number of the epoch) for JAX."""
     return lambda x, k: jnp.stack(advance(x, epochs[k.astype(int)], jnp))
 
 
 def seen(x: jax.Array) -> jax.Array:
+    """Return h(x), the two velocities."""
     return x[:2]
 
 
 def ekf_jax(problem: Problem, runs: int) -> Block:
-    """Filtered in ``jax.vmap`` over the runs; its own derivatives."""
+    """Make the block of ExtendedKalmanFilter on JAX, with ``jax.vmap`` over the runs and JAX's derivatives."""
 
     def one(epochs: jax.Array, z: jax.Array) -> Gaussian:
         o = ExtendedKalmanFilter(traced(epochs), seen, problem.Q, problem.R, problem.mean, problem.P0)
@@ -81,9 +86,10 @@ def ekf_jax(problem: Problem, runs: int) -> Block:
 
 
 def ukf_jax(problem: Problem, runs: int) -> Block:
-    """One run after another: its check of the covariances at the end cannot be traced, so neither jit nor vmap takes it.
+    """Make the block of UnscentedKalmanFilter on JAX, one run after another.
 
-    It compiles for each function, so each run's f is made once.
+    Its check of the covariances at the end cannot be traced, so neither jit nor vmap accepts it. It compiles for each function,
+    so the f of each run is made once.
     """
     filters = [
         UnscentedKalmanFilter(
@@ -100,14 +106,17 @@ def ukf_jax(problem: Problem, runs: int) -> Block:
 
 
 def with_run_axis(end: Gaussian) -> Gaussian:
+    """Return an estimate of one run as NumPy arrays with a run axis."""
     return Gaussian(np.asarray(end.mean)[None], np.asarray(end.cov)[None])
 
 
 def ready(end: Gaussian) -> Gaussian:
+    """Return an estimate as NumPy arrays, which waits for JAX to finish."""
     return Gaussian(np.asarray(end.mean), np.asarray(end.cov))
 
 
 def entries() -> list[Entry]:
+    """Return the filters of the package."""
     return [
         Entry("KF", "NumPy", "F given", looped(kf)),
         Entry("EKF", "NumPy", "f and Jacobian in NumPy", looped(ekf)),

@@ -1,4 +1,4 @@
-"""pyins: ``run_feedback_filter`` on the flight. Its frames are North-East-Down and Front-Right-Down, its angles degrees."""
+"""pyins: ``run_feedback_filter`` on the flight. Its axes are North-East-Down and Front-Right-Down, its angles degrees."""
 
 from __future__ import annotations
 
@@ -23,16 +23,17 @@ INCREMENT = ["theta_x", "theta_y", "theta_z", "dv_x", "dv_y", "dv_z"]
 
 
 def swapped(v: Array) -> Array:
-    """(..., 3) East-North-Up to North-East-Down, and Right-Front-Up to Front-Right-Down."""
+    """Turn vectors (..., 3) from East-North-Up to North-East-Down, or from Right-Front-Up to Front-Right-Down."""
     return v[..., [1, 0, 2]] * np.array([1.0, 1.0, -1.0])
 
 
 def degrees(pos: Array) -> Array:
+    """Return a position (..., 3) with latitude and longitude in degrees instead of radians."""
     return np.concatenate([np.degrees(pos[..., :2]), pos[..., 2:]], axis=-1)
 
 
 def feedback_filter(tape: Tape, steps: int) -> Callable[[], Flown]:
-    """One increment more than ``steps`` is given: pyins corrects by a fix when the next increment comes."""
+    """Make the block of pyins; it gets one increment more than ``steps``, because it uses a fix at the next increment."""
     task = tape.task
     assert task.start is not None
     times = np.array([obs["t"][0] for obs in tape.observations[: steps + 1]])
@@ -72,12 +73,14 @@ def feedback_filter(tape: Tape, steps: int) -> Callable[[], Flown]:
 
 
 def as_pva(nav: NavState, time: float) -> Any:
+    """Return a state in the form of pyins."""
     heading, pitch, roll = attitude.to_euler(attitude.to_dcm(nav.q_nb))
     values = [*degrees(nav.pos), *swapped(nav.vel), *np.degrees([roll, pitch, heading])]
     return pd.Series(values, index=LLA + VELOCITY + ANGLES, name=time)
 
 
 def as_state(pva: Any) -> NavState:
+    """Return a state of pyins in our form."""
     lat, lon, alt = pva[LLA]
     roll, pitch, heading = np.radians(pva[ANGLES].to_numpy())
     return NavState(

@@ -32,7 +32,7 @@ START = datetime.datetime(2000, 1, 1)
 
 
 class EpochModel(TransitionModel):
-    """x' = f(x) + w of one epoch, on one state vector or on many side by side."""
+    """The model x' = f(x) + w of one epoch, for one state vector or for many side by side."""
 
     arrays: Callable[..., Any] = Property(doc="f on (..., 10)")
     plain: Callable[..., Any] = Property(doc="f on (10,)")
@@ -63,15 +63,17 @@ class EpochModel(TransitionModel):
 
 
 def linear(problem: Problem, run: OneRun, k: int) -> Any:
+    """Return the linear model of epoch k."""
     return LinearGaussianTimeInvariantTransitionModel(transition_matrix=run.F[k], covariance_matrix=problem.Q)
 
 
 def nonlinear(problem: Problem, run: OneRun, k: int) -> Any:
+    """Return the nonlinear model of epoch k."""
     return EpochModel(run.arrays[k], run.plain[k], lambda x: run.slope(k, x), problem.Q)
 
 
 def filtered(model: Callable[[Problem, OneRun, int], Any], predictor: Any, updater: Any) -> Any:
-    """A filter of one run of this predictor and updater; the transition model of its predictor is that of the epoch."""
+    """Make the blocks of a predictor and an updater, whose transition model changes with the epoch."""
 
     def one(problem: Problem, run: OneRun) -> Gaussian:
         models = [model(problem, run, k) for k in range(len(run.z))]
@@ -90,6 +92,7 @@ def filtered(model: Callable[[Problem, OneRun, int], Any], predictor: Any, updat
 
 
 def entries() -> list[Entry]:
+    """Return the filters of the package."""
     return [
         Entry("KF", "NumPy", "F given", filtered(linear, KalmanPredictor, KalmanUpdater)),
         Entry("EKF", "NumPy", "f and Jacobian in NumPy", filtered(nonlinear, ExtendedKalmanPredictor, KalmanUpdater)),

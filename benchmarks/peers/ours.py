@@ -16,6 +16,7 @@ SETTINGS: dict[str, dict[str, Any]] = {"kf": {}, "ekf": {}, "ukf": UKF, "ckf": {
 
 
 def filter_runs(name: str, problem: Problem, runs: int) -> Block:
+    """Make the block of one of our filters, all runs as one batch."""
     filter, alone = make_filter(name, **SETTINGS[name]), runs == 1
     which: Any = 0 if alone else slice(0, runs)
     fs = [Linear(F) for F in problem.F[:, which]] if name == "kf" else problem.maps(which)
@@ -36,6 +37,7 @@ def filter_runs(name: str, problem: Problem, runs: int) -> Block:
 
 
 def entries() -> list[Entry]:
+    """Return our filters."""
     return [
         Entry(name.upper(), "NumPy", "all points and runs at once", partial(filter_runs, name), batched=True)
         for name in SETTINGS

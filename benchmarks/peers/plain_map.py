@@ -1,7 +1,8 @@
-"""The epoch map of the ten errors in plain numbers: for packages that hand over one state at a time, and for JAX.
+"""The epoch map of the ten errors in plain numbers, for packages that pass one state at a time, and for JAX.
 
 :class:`solvers.pipeline.errors.alignment.AlignmentMap` works on planes of components in NumPy, in place. Here the same map is
-written component by component, so that floats (``math``) and JAX tracers (``jax.numpy``) go through it alike.
+written component by component, for floats (``math``) and for JAX (``jax.numpy``) alike.
+Equations: docs/mathematics/error_models.md#epoch-map.
 """
 
 from __future__ import annotations
@@ -19,7 +20,10 @@ Array = NDArray[np.float64]
 
 
 def coefficients(m: EpochMotion) -> Array:
-    """What the map needs of an epoch, (..., 28): specific force 3, turn of n 3, transport 3, Coriolis 4, biases 6 and 9."""
+    """Return the coefficients (..., 28) of an epoch.
+
+    They are specific force 3, turn of n 3, transport 3, Coriolis 4, accelerometer biases 6 and gyro biases 9.
+    """
     h, batch = m.dt, m.dvel_n.shape[:-1]
     T = np.broadcast_to(h * m.transport, (*batch, 3, 3))
     north, east, up = T[..., 0, 1], T[..., 1, 0], T[..., 2, 0]
@@ -41,7 +45,7 @@ def coefficients(m: EpochMotion) -> Array:
 
 
 def advance(x: Sequence[Any], epoch: Sequence[Any], numbers: Any) -> list[Any]:
-    """The ten errors after the epoch. ``numbers``: the module with ``sin`` and ``cos`` of their type."""
+    """Return the ten errors after the epoch; ``numbers`` is the module with ``sin`` and ``cos`` for their type."""
     dE, dN, pE, pN, pU, ax, ay, ex, ey, ez = x
     fE, fN, fU, wE, wN, wU, tN, tE, tU, kEE, kEN, kNE, kNN = epoch[:13]
     aEx, aEy, aNx, aNy, aUx, aUy, gEx, gEy, gEz, gNx, gNy, gNz, gUx, gUy, gUz = epoch[13:]
@@ -76,6 +80,6 @@ def advance(x: Sequence[Any], epoch: Sequence[Any], numbers: Any) -> list[Any]:
 
 
 def plain(epoch: Array, numbers: Any) -> Callable[[Array], Array]:
-    """The map of one epoch (28,) on one state (10,), in floats."""
+    """Return the map of one epoch (28,) for one state (10,), in floats."""
     values = epoch.tolist()
     return lambda x: np.array(advance(x.tolist(), values, numbers))

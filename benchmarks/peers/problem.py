@@ -1,7 +1,7 @@
-"""The problem that every package gets: epochs of the swaying base as an INS saw them, and the fixes of two velocities.
+"""The problem that every package gets: epochs of the swaying base as an INS saw them, and fixes of two velocities.
 
-Recorded once from the task through our own pipeline, the INS open loop. The run axis is the second; run 0 is the one that
-is filtered alone.
+It is recorded once from the task through our own pipeline, with the INS open loop. The second axis is that of the runs. Run 0
+is the one that is filtered alone.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ STATES = 10
 
 @dataclass(frozen=True)
 class RecordedErrors(AlignmentErrors):
-    """The error model, with the epochs that it was given."""
+    """The error model, which keeps the epochs that it is given."""
 
     motions: list[EpochMotion] = field(default_factory=list)
 
@@ -42,32 +42,34 @@ class RecordedErrors(AlignmentErrors):
 
 @dataclass(frozen=True)
 class Problem:
-    """x' = f_k(x) + w from x ~ N(0, P0), z = H x + v."""
+    """The filtering problem: x' = f_k(x) + w and z = H x + v, with x ~ N(0, P0) at the start."""
 
     P0: Array  #: (10, 10)
     Q: Array  #: (10, 10)
     R: Array  #: (2, 2)
     z: Array  #: (steps, runs, 2) m/s
-    motions: tuple[EpochMotion, ...]  #: of the steps, with the runs in front
+    motions: tuple[EpochMotion, ...]  #: motion of each step, with the runs in front
 
     H = np.eye(2, STATES)
 
     @property
     def mean(self) -> Array:
+        """Mean (10,) of the state at the start."""
         return np.zeros(STATES)
 
     @property
     def steps(self) -> int:
+        """Number of steps."""
         return len(self.z)
 
     @cached_property
     def epochs(self) -> Array:
-        """(steps, runs, 28): the coefficients of the plain map."""
+        """Coefficients of the plain map, (steps, runs, 28)."""
         return np.stack([coefficients(m) for m in self.motions])
 
     @cached_property
     def F(self) -> Array:
-        """(steps, runs, 10, 10): slopes at zero error, where f is zero; the Kalman filter's model."""
+        """Jacobians of f at zero error, where f is zero, (steps, runs, 10, 10): the model of the Kalman filter."""
         slopes = []
         for f in self.maps(slice(None)):
             value, J = tangent(f, np.zeros((*self.z.shape[1:2], STATES)), np.sqrt(np.diagonal(self.P0)))
@@ -76,18 +78,19 @@ class Problem:
         return np.stack(slopes)
 
     def maps(self, runs: slice | int) -> list[Function]:
-        """f of each step for some runs, or for one without a run axis."""
+        """Return f of each step for some runs, or for one run without a run axis."""
         model = AlignmentErrors()
         return [model.transition(of_runs(m, runs), self.Q).f for m in self.motions]
 
     def one(self, run: int) -> OneRun:
+        """Return the problem of one run."""
         epochs = self.epochs[:, run]
         return OneRun(self.z[:, run], self.maps(run), [plain(e, math) for e in epochs], self.F[:, run], epochs, self.P0)
 
 
 @dataclass(frozen=True)
 class OneRun:
-    """What a package that takes one run at a time is given; each takes the form of f that it is fastest with."""
+    """The problem of one run; each package takes the form of f with which it is fastest."""
 
     z: Array  #: (steps, 2)
     arrays: list[Function]  #: f of each step in NumPy, on one state or on many, (..., 10)
@@ -97,17 +100,17 @@ class OneRun:
     P0: Array
 
     def slope(self, k: int, x: Array) -> tuple[Array, Array]:
-        """f of step k at x (10,), and its Jacobian by central differences, as our ekf takes it."""
+        """Return f of step k at x (10,), and its Jacobian by central differences, which our ekf takes too."""
         return tangent(self.arrays[k], x, np.sqrt(np.diagonal(self.P0)))
 
 
 def of_runs(m: EpochMotion, runs: slice | int) -> EpochMotion:
-    """The motion of some of the runs; what all runs share stays."""
+    """Return the motion of some of the runs; values that all runs share stay."""
     return m._replace(C=m.C[runs], dvel_n=m.dvel_n[runs], vel=m.vel[runs], rate_en=m.rate_en[runs])
 
 
 def record(task: str, runs: int, steps: int) -> Problem:
-    """The first steps of a task, two runs or more."""
+    """Record the first steps of a task, with two or more runs."""
     recorder, errors = Recorder(runs), RecordedErrors()
 
     def recording() -> Aligner:

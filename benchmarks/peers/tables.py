@@ -1,4 +1,4 @@
-"""The result as tables: one row a filter for the terminal and ``--md``, one row a package for the README."""
+"""Tables of the result: one row per filter for the terminal and ``--md``, one row per package for the README."""
 
 from __future__ import annotations
 
@@ -10,20 +10,22 @@ from typing import Any
 from peers.features import FEATURES, PACKAGES
 
 FILTERS = ("KF", "EKF", "UKF", "CKF")
-SAME = 1e-8  #: standard deviations up to which two filters are told to be the same
-CLEARLY = 1.1  #: times as fast, from which on one is told to be faster
-QUIET = 0.1  #: cores that other processes may have kept busy on a quiet machine
+SAME = 1e-8  #: difference in standard deviations up to which two filters count as the same
+CLEARLY = 1.1  #: ratio of speeds from which on a filter counts as faster
+QUIET = 0.1  #: number of cores that other processes may keep busy on a quiet machine
 OWN = 1.0  #: load of the measurement itself
 
-Result = Mapping[str, Any]
+Result = Mapping[str, Any]  #: the measured result, or a row of it
 
 
 def headings(result: Result) -> list[str]:
+    """Return the headings of the table of all filters."""
     sizes = [f"{int(runs):,} runs" for runs in result["rows"][0]["steps_per_s"]]
     return ["package", "filter", "1 run", *sizes, "mean off", "cov. off", "compiles"]
 
 
 def cells(row: Result) -> list[str]:
+    """Return the cells of a row of the table of all filters."""
     loop = " *" if row["looped"] else "  "
     return [
         f"{row['peer']}, {row['numbers']}",
@@ -37,17 +39,17 @@ def cells(row: Result) -> list[str]:
 
 
 def digits(value: float) -> str:
-    """Two, with thousands set off."""
+    """Return a number to two digits, with a comma at thousands."""
     return f"{float(f'{value:.2g}'):,.{max(0, 1 - math.floor(math.log10(value)))}f}"
 
 
 def power(value: float) -> str:
-    """One digit: 2e-7."""
+    """Return a number to one digit with a power of ten, such as 2e-7."""
     return f"{value:.0e}".replace("e-0", "e-") if value else "0"
 
 
 def conditions(result: Result) -> list[str]:
-    """How to read the table of all filters."""
+    """Return lines that tell how to read the table of all filters."""
     return [
         f"{result['task']}: ten states, two measurements, {result['steps']} steps. One core; CPU time, median of "
         f"{result['rounds']} interleaved rounds. One run: microseconds per step. More: thousand run-steps per second; "
@@ -57,7 +59,7 @@ def conditions(result: Result) -> list[str]:
 
 
 def notes(result: Result) -> list[str]:
-    """What is to be known beside the times."""
+    """Return lines on what else matters beside the times."""
     return [
         *differing(result),
         *whole_ins(result),
@@ -68,7 +70,7 @@ def notes(result: Result) -> list[str]:
 
 
 def differing(result: Result) -> list[str]:
-    """Which filters are not the same as ours of the same kind, and why."""
+    """Return lines on the filters that differ from ours of the same kind, and why."""
     why: dict[str, list[str]] = {}
     for row in result["rows"]:
         noisier = row["noisier_differs"] or 0.0
@@ -84,7 +86,7 @@ def differing(result: Result) -> list[str]:
 
 
 def whole_ins(result: Result) -> list[str]:
-    """pyins has no filter for one's own model: it is compared as a whole."""
+    """Return the comparison with pyins as a whole INS, because it has no filter for a model of one's own."""
     flight = result["flight"]
     if "pyins" not in flight["us_per_step"]:
         return []
@@ -96,10 +98,12 @@ def whole_ins(result: Result) -> list[str]:
 
 
 def worst(row: Result) -> float:
+    """Return the larger of the differences of mean and covariance."""
     return float(max(row["mean_differs"], row["cov_differs"]))
 
 
 def where(result: Result) -> str:
+    """Return the line with date, machine and versions."""
     machine = result["machine"]
     versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
     others, load = result["others_busy_cores"], max(result["load"])
@@ -112,12 +116,13 @@ def where(result: Result) -> str:
 
 
 def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 1) -> str:
+    """Return a Markdown table; columns after the first ``text_columns`` are aligned to the right."""
     rule = ["---" if i < text_columns else "---:" for i in range(len(head))]
     return "\n".join("| " + " | ".join(line) + " |" for line in (head, rule, *rows))
 
 
 def document(result: Result) -> str:
-    """Every filter, as Markdown."""
+    """Return the table of all filters with its notes, as Markdown."""
     rows = [[*cells(row)[:2], row["how"], *cells(row)[2:]] for row in result["rows"]]
     head = headings(result)
     table = markdown_table([*head[:2], "how", *head[2:]], rows, text_columns=3)
@@ -125,15 +130,17 @@ def document(result: Result) -> str:
 
 
 def bullets(lines: Sequence[str]) -> str:
+    """Return lines as a Markdown list."""
     return "\n".join(wrapped(f"- {line}", "  ") for line in lines)
 
 
 def wrapped(line: str, indent: str = "") -> str:
-    """As wide as the README's prose."""
+    """Break a line to the width of the README's prose."""
     return textwrap.fill(line, 132, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def feature_table() -> str:
+    """Return the table of features as Markdown."""
     rows = [
         [feature.name, *(feature.marks[p].text if p in feature.marks else "" for p in PACKAGES)] for feature in FEATURES
     ]
@@ -141,7 +148,10 @@ def feature_table() -> str:
 
 
 def speed_table(result: Result) -> str:
-    """One row a package, each filter's microseconds per step at one run, and thousand run-steps per second at many."""
+    """Return the table of speeds with one row per package.
+
+    For each filter it has the microseconds per step of one run, and the thousand run-steps per second of many.
+    """
     most = list(result["rows"][0]["steps_per_s"])[-1]
     packages: dict[tuple[str, str], dict[str, Result]] = {}
     for row in result["rows"]:
@@ -156,7 +166,7 @@ def speed_table(result: Result) -> str:
 
 
 def section(result: Result) -> str:
-    """What stands in the README."""
+    """Return the section of the README."""
     most = int(list(result["rows"][0]["steps_per_s"])[-1])
     return "\n\n".join(
         [
@@ -174,7 +184,7 @@ def section(result: Result) -> str:
 
 
 def faster(result: Result) -> list[str]:
-    """Who is faster than we are, by how much, and who is not."""
+    """Return lines on the packages that are faster than sins_env, and by how much."""
     ours = {r["filter"]: r for r in result["rows"] if r["peer"] == "sins_env"}
     others = [r for r in result["rows"] if r["peer"] != "sins_env"]
     most = list(ours["KF"]["steps_per_s"])[-1]
@@ -196,7 +206,7 @@ def faster(result: Result) -> list[str]:
 
 
 def listed(ratios: Sequence[tuple[Result, float]]) -> str:
-    """Grouped by package: dynamax (JAX) KF 12, EKF 13 times."""
+    """Return ratios of speeds as text grouped by package, such as "dynamax (JAX) KF 12, EKF 13 times"."""
     found: dict[str, list[str]] = {}
     for row, ratio in ratios:
         if ratio > CLEARLY:
