@@ -1,8 +1,8 @@
-"""The process noise as an adaptive filter sees it, on a task whose told noise is wrong.
+"""The process noise that adaptive filters estimate, on a task that tells a wrong noise.
 
-The task tells a velocity noise a million times too large in variance, an attitude noise 30 times too small, and a GPS
-ten times worse than it is. With R too large every innovation looks small: the filter lowers all of Q, to the floor.
-That helps the azimuth, and is not the truth of the attitude noise.
+The task tells a variance of the velocity noise that is a million times too large, and one of the attitude noise that is 30 times
+too small. The told GPS is ten times worse than the true one. With an R that is too large every innovation looks small, so the
+filter lowers all of Q to its floor. That improves the azimuth, but it is not the true attitude noise.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ NAMES = ("ckf", "aukf", "aukf_fading", "aukf_window", "augmented_aukf")
 
 
 def play(name):
-    """Azimuth errors in arcsec (epochs, runs) and standard deviations of the process noise (epochs, runs, states)."""
+    """Return azimuth errors in arcsec (epochs, runs) and deviations of the process noise (epochs, runs, states)."""
     task = get_task("sway-told-wrong-v0")
     env = task.make(RUNS, duration=DURATION)
     obs, _ = task.reset(env, range(RUNS))

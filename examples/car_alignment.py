@@ -1,7 +1,8 @@
-"""People disturb a parked car while it is aligned: what that does to the heading, run for run beside the same car left alone.
+"""People disturb a parked car while it is aligned: the effect on the heading, beside the same car left alone.
 
-A person gets in before the filters have converged and out again after it. Both cars of a pair have the same sensors and the
-same noise, so their difference is the disturbance's doing alone. Table 6.interference of sins-env reproduce has more kinds.
+A person gets in before the filters have converged, and out after that. Both cars of a pair have the same sensors and the same
+noise, so only the disturbance makes them differ. The table 6.interference of ``sins-env reproduce`` has more kinds of
+disturbance.
 """
 
 import gymnasium
@@ -25,7 +26,7 @@ usual = {
 }
 cars = [gymnasium.make_vec("SINS/AlignVehicle-v0", RUNS, events=events, **usual) for events in ([], EVENTS)]
 estimators = [solvers.make(name, coarse="svd") for name in FILTERS]
-for estimator in estimators:  # the pairs are one batch: RUNS cars left alone, then RUNS disturbed ones
+for estimator in estimators:  # all pairs are one batch: RUNS cars left alone, then RUNS disturbed ones
     estimator.reset(cars[0].unwrapped.task, [np.random.default_rng(i) for i in range(2 * RUNS)], 2 * RUNS)
 
 observations = [car.reset(seed=1)[0] for car in cars]

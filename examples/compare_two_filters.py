@@ -1,4 +1,4 @@
-"""EKF against CKF on the same 64 runs, in one batch through the vector environment: a table and a figure."""
+"""The EKF beside the CKF on the same 64 runs, in one batch of the vector environment: errors and a figure."""
 
 import gymnasium
 import numpy as np
@@ -11,7 +11,7 @@ RUNS, DURATION = 64, 180.0
 
 
 def azimuth_errors(name):
-    """Azimuth errors in arcsec, (epochs, runs). The same seeds give every filter the same motion and noise."""
+    """Return azimuth errors in arcsec, (epochs, runs). With the same seed every filter gets the same motion and noise."""
     env = gymnasium.make_vec("SINS/AlignSway-v0", num_envs=RUNS, duration=DURATION)
     obs, _ = env.reset(seed=0)
     solver = solvers.make(name)

@@ -1,4 +1,4 @@
-"""Your own estimator: gyro dead reckoning from the told attitude, checked, run, and put beside the cubature Kalman filter.
+"""Your own estimator: gyro dead reckoning from the told attitude, checked, run, and compared with the cubature Kalman filter.
 
 sins-env eval --task sway-white-v0 --solver examples.custom_estimator:DeadReckoning ckf --runs 20
 """
@@ -7,16 +7,16 @@ from scipy.spatial.transform import Rotation
 
 
 class DeadReckoning:
-    """Turns the told attitude by the gyro increments. Drifts with the earth's rotation, and keeps the start's error."""
+    """Turns the told attitude by the gyro increments. It drifts with the earth's rotation and keeps the error of the start."""
 
-    batched = False  # one run at a time; True takes a leading run axis
+    batched = False  # one run at a time; with True arrays have a leading run axis
 
     def reset(self, task, rng, num_runs=1):
         q_nb = task.start.q_nb if task.start is not None else [1.0, 0.0, 0.0, 0.0]
         self.attitude = Rotation.from_quat(q_nb, scalar_first=True)
 
     def step(self, obs):
-        turn = obs["dtheta"].sum(axis=0)  # of an epoch; its coning is small beside the earth's rotation
+        turn = obs["dtheta"].sum(axis=0)  # of the epoch; its coning is small beside the earth's rotation
         self.attitude = self.attitude * Rotation.from_rotvec(turn)
         return self.attitude.as_quat(scalar_first=True)
 

@@ -1,4 +1,4 @@
-"""The bare environment loop: a swaying base, and the lazy estimate that the told attitude stays true."""
+"""The bare loop of the environment: a swaying base, and the trivial estimate that the attitude stays as told."""
 
 import gymnasium
 

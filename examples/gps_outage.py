@@ -1,9 +1,9 @@
-"""A minute without GPS: how far does the INS drift that the filter has calibrated?
+"""A minute without GPS: how far does an INS drift after a filter has calibrated it?
 
     python examples/gps_outage.py                                      # two flights, 16 runs
     python examples/gps_outage.py --all --runs 50 --solver ckf inekf   # every flight
 
-The outage begins three fifths into the flight. Position errors are RMS over the runs, just before the outage and at its end.
+The outage begins after three fifths of the flight. Position errors are RMS over the runs, just before the outage and at its end.
 """
 
 import argparse
@@ -22,7 +22,7 @@ EAST, NORTH, UP = (COMPONENTS.index(f"pos_{axis}") for axis in "enu")
 
 
 def without_gps(name: str):
-    """The task with an outage, cut off a minute after it, and when the outage begins."""
+    """Return the task with an outage, cut off a minute after it, and the time at which the outage begins, s."""
     task = get_task(name)
     env = task.make(1)
     duration = env.unwrapped.task.duration_s
@@ -34,7 +34,7 @@ def without_gps(name: str):
 
 
 def drift(task, begin: float, solver: str, runs: int) -> list[str]:
-    """Horizontal and vertical errors before the outage and at its end, m, and the azimuth's before it, deg."""
+    """Return horizontal and vertical errors before the outage and at its end, m, and the azimuth error before it, deg."""
     records = evaluate(task, solver, runs, cost=False).records
     before, after = (records.history[:, int(t) - 1] for t in (begin, begin + OUTAGE_S))  # the history is at 1 Hz
 
@@ -48,8 +48,8 @@ def drift(task, begin: float, solver: str, runs: int) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--all", action="store_true", help="every flight instead of two")
-    parser.add_argument("--runs", type=int, default=16)
-    parser.add_argument("--solver", nargs="+", default=["ckf"])
+    parser.add_argument("--runs", type=int, default=16, help="default %(default)s")
+    parser.add_argument("--solver", nargs="+", default=["ckf"], help="default ckf")
     given = parser.parse_args()
     table = Table(title=f"{OUTAGE_S:.0f} s without GPS, {given.runs} runs", title_justify="left")
     for name in ("flight", "solver"):

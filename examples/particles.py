@@ -1,7 +1,7 @@
-"""Points that fill space evenly, and what they are worth to a Gaussian particle filter: two figures.
+"""Points that fill space evenly, and their value to a Gaussian particle filter: two figures.
 
-The first draws pseudo-random against randomised quasi-random points, uniform and Gaussian, as figures 5.2 and 5.3 of the
-thesis do. The second measures the error of one filter step against the Kalman filter's exact answer.
+The first shows pseudo-random beside randomised quasi-random points, uniform and Gaussian, as figures 5.2 and 5.3 of the thesis
+do. The second shows the error of one filter step against the exact result of the Kalman filter.
 """
 
 import numpy as np
@@ -38,7 +38,7 @@ prior, z = Gaussian(np.zeros((RUNS, 4)), np.diag([1.0, 4.0, 1.0, 4.0])), np.tile
 
 
 def step(name, **settings):
-    """Estimates of the same step from RUNS independent draws, or from one exact filter."""
+    """Return the estimates after one step, from RUNS independent draws of a particle filter or from an exact filter."""
     flt = make_filter(name, **settings)
     b = flt.init(prior, [np.random.default_rng(i) for i in range(RUNS)])
     b, _ = flt.step(b, Transition(lambda x: x @ F.T, Q), Measurement(z, Linear(H), R))

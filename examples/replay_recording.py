@@ -1,6 +1,6 @@
-"""A real laser-gyro recording of a disturbed parked car through the same interface: 90 s coarse, 210 s fine.
+"""A real laser-gyro recording of a disturbed parked car, through the same interface: 90 s coarse, 210 s fine alignment.
 
-The recording is not part of this repository: set SINS_ENV_DATA to the folder of rlg_parked_car.npz.
+The recording is not part of this repository. Set SINS_ENV_DATA to the folder of rlg_parked_car.npz.
 """
 
 import gymnasium

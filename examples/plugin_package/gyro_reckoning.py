@@ -1,4 +1,4 @@
-"""Gyro dead reckoning from the told attitude, a batch at a time, without importing sins_env."""
+"""Gyro dead reckoning from the told attitude, for a batch of runs at once, without an import of sins_env."""
 
 import numpy as np
 
@@ -6,12 +6,12 @@ EARTH_RATE = 7.292115e-5  # rad/s
 
 
 class GyroReckoning:
-    """Turns the told attitude by every gyro increment and takes the earth's rotation out; keeps the error of the start.
+    """Turns the told attitude by every gyro increment and removes the earth's rotation; it keeps the error of the start.
 
-    With ``earth=False`` the attitude drifts by up to 15 deg/h besides.
+    With ``earth=False`` the attitude also drifts by up to 15 deg/h.
     """
 
-    batched = True  # observations come with a leading run axis, or without one for a single run
+    batched = True  # observations have a leading run axis, or none for a single run
 
     def __init__(self, earth: bool = True):
         self.earth = earth
@@ -30,13 +30,13 @@ class GyroReckoning:
 
 
 def quaternion(turn):
-    """Of a rotation vector (..., 3) rad, scalar first."""
+    """Return the quaternion (..., 4), scalar first, of a rotation vector (..., 3) in rad."""
     half = np.linalg.norm(turn, axis=-1, keepdims=True) / 2
     return np.concatenate([np.cos(half), turn / 2 * np.sinc(half / np.pi)], axis=-1)
 
 
 def product(p, q):
-    """Of two quaternions (..., 4), Hamilton."""
+    """Return the Hamilton product of two quaternions (..., 4)."""
     (a, b, c, d), (e, f, g, h) = np.moveaxis(p, -1, 0), np.moveaxis(q, -1, 0)
     parts = a * e - b * f - c * g - d * h, a * f + b * e + c * h - d * g, a * g - b * h + c * e + d * f
     return np.stack([*parts, a * h + b * g - c * f + d * e], axis=-1)
