@@ -1,8 +1,8 @@
 """The process noise that adaptive filters estimate, on a task that tells a wrong noise.
 
-The task tells a variance of the velocity noise that is a million times too large, and one of the attitude noise that is 30 times
-too small. The told GPS is ten times worse than the true one. With an R that is too large every innovation looks small, so the
-filter lowers all of Q to its floor. That improves the azimuth, but it is not the true attitude noise.
+The told variance of the velocity noise is a million times too large, that of the attitude noise 30 times too small. The told GPS
+is ten times worse than the true one. With an R that is too large every innovation looks small, so the filter lowers all of Q to
+its floor. That improves the azimuth, but it is not the true attitude noise.
 """
 
 import numpy as np

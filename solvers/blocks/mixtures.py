@@ -59,11 +59,11 @@ def effective(weights: Array) -> Array:
 def split(x: Gaussian, v: Array, count: int) -> Gaussian:
     """Split ``x`` into ``count`` components of equal weight, (..., count, n), that keep its moments: 000 (3.5.16-20).
 
-    Their means lie evenly along +-v (..., n) and carry the part v v' of the covariance, so v v' <= P is needed.
-    000 takes v = sqrt(omega eta) V, with (eta, V) the largest eigenvalue and its vector, and omega in [0, 1).
+    Their means lie evenly along +-v (..., n) and carry the part v v' of the covariance, so v v' <= P is needed. The source takes
+    v = sqrt(omega eta) V, with (eta, V) the largest eigenvalue and its vector, and omega in [0, 1).
     """
     s = np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1)
-    s *= math.sqrt(count / max(float(s @ s), 1.0))  # mean square one
+    s *= math.sqrt(count / max(float(s @ s), 1.0))  # with a mean square of one
     v = v if count > 1 else np.zeros_like(v)
     mean = x.mean[..., None, :] + s[:, None] * v[..., None, :]
     cov = x.cov - v[..., :, None] * v[..., None, :]

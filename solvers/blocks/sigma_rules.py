@@ -95,7 +95,7 @@ class Unscented:
         wm[0] = 1.0 - n / c
         wc = wm.copy()
         wc[0] += 1.0 - self.alpha**2 + self.beta
-        pull = self.beta + self.alpha**2 * self.kappa / n  # = wc[0] + total - 2 + 1 / total, not cancelled
+        pull = self.beta + self.alpha**2 * self.kappa / n  # = wc[0] + total - 2 + 1 / total, without cancellation
         return Points(xi, wm, wc, centre=True, total=n / c, pull=pull, equal=0.5 / c, radius=math.sqrt(c))
 
 

@@ -140,7 +140,7 @@ class HinfFilter(GaussianFilter[B]):
             wanted = b.waited / self.horizon_s if self.gamma2 is None else np.full_like(b.waited, 1.0) / self.gamma2
             if self.tau_s is not None:
                 wanted = np.minimum(wanted, 1.0 / ((1.0 + self.tau_s / b.waited) * largest(D, b.weight)))
-                wanted = np.where(wanted < np.inf, wanted, 0.0)  # gamma2 = 0, and nothing to bound
+                wanted = np.where(wanted < np.inf, wanted, 0.0)  # inf if gamma2 = 0 and there is nothing to bound
             theta, lowered = admissible(D, b.weight, wanted, self.cap)
         if lowered is not None and self.on_failure == "error":
             self._refuse(b, D, wanted, lowered & (b.health.failed_at < 0))

@@ -114,7 +114,7 @@ class GSFEKF(MixtureFilter[Bank]):
         x, P = b.mean[..., 0, :], b.cov[..., 0, :, :]
         axis = least_known_angle(f, x, P) if self.axis is None else np.full(x.shape[:-1], self.axis)
         here = np.maximum(axis, 0)[..., None]
-        column = np.take_along_axis(P, here[..., None], axis=-1)[..., 0]  # of P
+        column = np.take_along_axis(P, here[..., None], axis=-1)[..., 0]
         variance = np.take_along_axis(column, here, axis=-1)
         known = (axis[..., None] >= 0) & (variance > 0.0)
         offsets, weights, narrow = slices(

@@ -8,8 +8,8 @@ docs/mathematics/filters.md#gaussian-particles.
 Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., M, n), in slices of the particle axis.
 Departures, with the numbers of docs/mathematics/errata.md#chapter-5:
 
-- Particles have exactly the mean and covariance that they stand for, in mirrored pairs (``matching``), and directions that a
-  linear h does not see are not weighed (``marginal``). Otherwise the covariance drifts over thousands of fixes (58).
+- Particles have exactly the mean and covariance that they stand for, in mirrored pairs (``matching``). Directions that a linear
+  h does not see are not weighed (``marginal``). Otherwise the covariance drifts over thousands of fixes (58).
 - Weights sum to one; 000 (5.2.9-11) divides by M once more (53).
 - The quasi-random sets are moved afresh at every draw.
 """

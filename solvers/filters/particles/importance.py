@@ -31,7 +31,7 @@ def log_density(residual: Array, R: Array, law: NoiseLaw | None = None) -> Array
     squared = np.square(white).sum(axis=-1)
     m = residual.shape[-1]
     pivots = np.diagonal(inverse, axis1=-2, axis2=-1)
-    log_det = np.log(np.where(pivots == 0.0, 1.0, pivots)).sum(axis=-1)[..., None]  # of R^-1/2
+    log_det = np.log(np.where(pivots == 0.0, 1.0, pivots)).sum(axis=-1)[..., None]  # -log sqrt(det R)
     if law is not None and law.dof:
         constant = gammaln(0.5 * (law.dof + m)) - gammaln(0.5 * law.dof) - 0.5 * m * math.log(law.dof * math.pi)
         return np.asarray(constant + log_det - 0.5 * (law.dof + m) * np.log1p(squared / law.dof))

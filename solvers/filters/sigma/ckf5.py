@@ -1,7 +1,7 @@
 """Cubature Kalman filter of the fifth degree.
 
-Idea: the moments of f and h by the fifth-degree spherical-radial rule, 2 n^2 + 1 points: exact for polynomials of degree 5,
-while the rule of ``ckf`` is exact up to degree 3.
+Idea: the moments of f and h by the fifth-degree spherical-radial rule, 2 n^2 + 1 points. The rule is exact for polynomials of
+degree 5, that of ``ckf`` for degree 3.
 
 Source: Jia, Xin & Cheng (2013), doi:10.1016/j.automatica.2012.11.014; 003 (11-24);
 docs/mathematics/filters.md#fifth-degree.
