@@ -9,7 +9,11 @@ import tokenize
 import pytest
 from places import ROOT
 
-SOURCES = sorted((ROOT / "sins_env").rglob("*.py")) + sorted((ROOT / "solvers").rglob("*.py"))
+SOURCES = [
+    path
+    for folder in ("sins_env", "solvers", "benchmarks", "examples")
+    for path in sorted((ROOT / folder).rglob("*.py"))
+]
 MOST_WORDS = 30
 
 #: Files and folders whose words are still to be put right. The list only shrinks.
