@@ -5,13 +5,19 @@ is ten times worse than the true one. With an R that is too large every innovati
 its floor. That improves the azimuth, but it is not the true attitude noise.
 """
 
+import argparse
+
 import numpy as np
 from matplotlib.figure import Figure
 
 import solvers
 from sins_env.evaluation.tasks.catalogue import get_task
 
-RUNS, DURATION = 16, 150.0
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("--runs", type=int, default=16, help="default %(default)s")
+parser.add_argument("--seconds", type=float, default=150.0, help="default %(default)s")
+given = parser.parse_args()
+RUNS, DURATION = given.runs, given.seconds
 UNIT = {"velocity": (0, 1e3, "mm/s"), "attitude": (4, 180 / np.pi * 3600, "arcsec")}  # state, factor
 TRUE = {"velocity": 5e-6 * 9.80665 * 0.1**0.5, "attitude": np.deg2rad(0.01) / 60 * 0.1**0.5}  # per epoch of 0.1 s
 NAMES = ("ckf", "aukf", "aukf_fading", "aukf_window", "augmented_aukf")
@@ -39,7 +45,9 @@ for i, name in enumerate(NAMES):
     errors, noise = play(name)
     t = 0.1 * np.arange(1, len(errors) + 1)
     rms = np.sqrt(np.mean(errors**2, axis=1))
-    print(f"{name:15} azimuth RMS at 50, 100, 150 s: {rms[499]:6.0f} {rms[999]:6.0f} {rms[-1]:6.0f} arcsec")
+    thirds = [round(len(rms) * k / 3) - 1 for k in (1, 2, 3)]
+    when, what = (f"{t[k]:.0f}" for k in thirds), (f"{rms[k]:6.0f}" for k in thirds)
+    print(f"{name:15} azimuth RMS at {', '.join(when)} s: {' '.join(what)} arcsec")
     axes["azimuth"].plot(t, rms, color=f"C{i}", label=name)
     if not noise.shape[-1]:
         continue

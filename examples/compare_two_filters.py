@@ -1,5 +1,7 @@
 """The EKF beside the CKF on the same 64 runs, in one batch of the vector environment: errors and a figure."""
 
+import argparse
+
 import gymnasium
 import numpy as np
 from matplotlib.figure import Figure
@@ -7,7 +9,11 @@ from matplotlib.figure import Figure
 import sins_env  # noqa: F401
 import solvers
 
-RUNS, DURATION = 64, 180.0
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("--runs", type=int, default=64, help="default %(default)s")
+parser.add_argument("--seconds", type=float, default=180.0, help="default %(default)s")
+given = parser.parse_args()
+RUNS, DURATION = given.runs, given.seconds
 
 
 def azimuth_errors(name):
@@ -29,8 +35,11 @@ axes = figure.add_subplot()
 for name in ("ekf", "ckf"):
     errors = azimuth_errors(name)
     rms = np.sqrt(np.mean(errors**2, axis=1))
-    axes.plot(0.1 * np.arange(1, len(rms) + 1), rms, label=name)
-    print(f"{name}: azimuth RMS at 60, 120, 180 s: {rms[599]:.0f}, {rms[1199]:.0f}, {rms[-1]:.0f} arcsec")
+    t = 0.1 * np.arange(1, len(rms) + 1)
+    axes.plot(t, rms, label=name)
+    thirds = [round(len(rms) * k / 3) - 1 for k in (1, 2, 3)]
+    when, what = (f"{t[k]:.0f}" for k in thirds), (f"{rms[k]:.0f}" for k in thirds)
+    print(f"{name}: azimuth RMS at {', '.join(when)} s: {', '.join(what)} arcsec")
 axes.set(xlabel="time, s", ylabel="azimuth RMS, arcsec", yscale="log", title=f"{RUNS} common runs")
 axes.grid(alpha=0.3)
 axes.legend()

@@ -3,6 +3,8 @@
 sins-env eval --task sway-white-v0 --solver examples.custom_estimator:DeadReckoning ckf --runs 20
 """
 
+import argparse
+
 from scipy.spatial.transform import Rotation
 
 
@@ -24,8 +26,11 @@ class DeadReckoning:
 if __name__ == "__main__":
     from sins_env.evaluation import check_estimator, evaluate
 
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=4, help="default %(default)s")
+    given = parser.parse_args()
     broken = [check.name for check in check_estimator(DeadReckoning) if check.passed is False]
     print("contract:", "kept" if not broken else f"broken: {', '.join(broken)}")
     for solver in (DeadReckoning, "ckf"):
-        azimuth = evaluate("sway-white-v0", solver, runs=4).summary.rms_final["U"]
+        azimuth = evaluate("sway-white-v0", solver, runs=given.runs).summary.rms_final["U"]
         print(f"azimuth RMS after 360 s: {azimuth / 3600:6.2f} deg  {solver if solver == 'ckf' else 'DeadReckoning'}")

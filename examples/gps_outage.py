@@ -47,7 +47,10 @@ def drift(task, begin: float, solver: str, runs: int) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--all", action="store_true", help="every flight instead of two")
+    parser.add_argument("--all", action="store_true", help="every flight")
+    parser.add_argument(
+        "--flight", nargs="+", default=["flight-lu-gauss-v0", "flight-hotstart30-v0"], help="default two"
+    )
     parser.add_argument("--runs", type=int, default=16, help="default %(default)s")
     parser.add_argument("--solver", nargs="+", default=["ckf"], help="default ckf")
     given = parser.parse_args()
@@ -57,7 +60,7 @@ def main() -> None:
     for name in ("horizontal, m", "vertical, m", "azimuth before, deg"):
         table.add_column(name, justify="right")
     flights = [name for name in TASKS if name.startswith("flight-")]
-    for name in flights if given.all else ("flight-lu-gauss-v0", "flight-hotstart30-v0"):
+    for name in flights if given.all else given.flight:
         task, begin = without_gps(name)
         for solver in given.solver:
             table.add_row(name.removeprefix("flight-"), solver, *drift(task, begin, solver, given.runs))

@@ -5,15 +5,24 @@ The filter "safeguarded" counts the told noise as 20 fixes, damps what a single 
 See docs/mathematics/filters.md#benchmark-of-002.
 """
 
+import argparse
+
 import numpy as np
 
 from sins_env.evaluation.reproduction.pictures.toy import draw_example
 from solvers.toy_examples import STEPS, example_1, example_2, exploded
 
-RUNS = 200
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument(
+    "--runs",
+    type=int,
+    default=200,
+    help="of each example, default %(default)s; five times as many of the printed system",
+)
+RUNS = parser.parse_args().runs
 
-ended = exploded(1000)
-print(f"the system as printed: {np.mean(ended > 0):.0%} of 1000 runs exceed 1e6 within {STEPS} steps, "
+ended = exploded(5 * RUNS)
+print(f"the system as printed: {np.mean(ended > 0):.0%} of {len(ended)} runs exceed 1e6 within {STEPS} steps, "
       f"half of those by step {np.median(ended[ended > 0]):.0f}\n")  # fmt: skip
 
 for number, title, example in (

@@ -200,24 +200,6 @@ def test_a_solver_that_hangs(cli, short, start_of):
         assert "allowed: a positive number" in err[0]
 
 
-def test_the_board_of_the_makefile(tmp_path):
-    """`make board`, with few runs and a suite of its own."""
-    pytest.importorskip("solvers")
-    (line,) = [line for line in (ROOT / "Makefile").read_text().splitlines() if "sins-env eval" in line]
-    words = line.split()[1:]
-    words[words.index("--runs") + 1] = "3"
-    process = spawn(*words, cwd=tmp_path)
-    out, err = process.communicate(timeout=100)
-    assert process.returncode == 0, err
-    assert err.splitlines()[-1] == "figure: board.png"
-    for part in ("sway-white-v0", "azimuth", "95 % band", *words[words.index("--solver") + 1 : words.index("--runs")]):
-        assert part in out
-    assert words[words.index("--solver") + 1 : words.index("--runs")] == ["kf", "ekf", "ukf", "ckf"]
-    assert (tmp_path / "board.png").read_bytes().startswith(b"\x89PNG")
-    assert (tmp_path / "board.png").stat().st_size > 30_000
-    assert count(tmp_path / "results.sqlite") == 12
-
-
 def test_run_that_raises(cli, short):
     given = ("run", "short-v0", PLUGIN + "At", "--set", "epoch=7")
     code, out, err = cli(*given)
