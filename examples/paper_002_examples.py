@@ -17,7 +17,7 @@ parser.add_argument(
     "--runs",
     type=int,
     default=200,
-    help="of each example, default %(default)s; five times as many of the printed system",
+    help="default %(default)s; five times as many of the printed system",
 )
 RUNS = parser.parse_args().runs
 
