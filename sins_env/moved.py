@@ -48,7 +48,7 @@ MOVED = {
     "sins_env.evaluation.flights": "sins_env.cli.describe.flight",
     "sins_env.evaluation.guard": "sins_env.evaluation.estimators.guard",
     "sins_env.evaluation.isolation": "sins_env.evaluation.estimators.isolation",
-    "sins_env.evaluation.listing": "sins_env.cli.describe.listing",
+    "sins_env.evaluation.listing": "sins_env.cli.describe.listing sins_env.cli.describe.named",
     "sins_env.evaluation.metrics": "sins_env.evaluation.score.metrics",
     "sins_env.evaluation.navigation": "sins_env.evaluation.score.navigation",
     "sins_env.evaluation.outcome": "sins_env.cli.output sins_env.evaluation.show.style",

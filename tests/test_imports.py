@@ -31,6 +31,11 @@ def test_heavy_packages_stay_out(module):
     assert [name for name in HEAVY if name in loaded] == []
 
 
+def test_help_starts_without_the_evaluation():
+    code = "import sys; from sins_env.cli.main import main; main(['--help']); print(*sys.modules)"
+    assert {"gymnasium", "sins_env.evaluation", "scipy.special"}.isdisjoint(fresh(code).split())
+
+
 def test_nothing_needs_scipy_stats_to_be_imported():
     code = "import sys, sins_env.cli.describe.listing, sins_env.cli.verbs.run, sins_env.cli.verbs.reproduce; print(*sys.modules)"
     assert {"scipy.stats", "matplotlib", "yaml", "filterpy"}.isdisjoint(fresh(code).split())

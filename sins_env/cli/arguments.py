@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import getpass
 import json
 import math
 import sys
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NoReturn
 
 SEEDS = "allowed: a whole number that is not negative"
@@ -17,8 +20,22 @@ class WrongUse(Exception):
 
 
 class Parser(argparse.ArgumentParser):
+    """A parser whose errors are :class:`WrongUse`, each with the help of the verb that was typed."""
+
+    verbs: Mapping[str, argparse.ArgumentParser] = MappingProxyType({})
+
     def error(self, message: str) -> NoReturn:
         raise WrongUse(f"{message} (see {self.prog} --help)")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        """Refuse what is not known here, in the verb's parser; argparse would leave it to the parser of all verbs."""
+        known, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            options = [name for action in self._actions for name in action.option_strings]
+            near = difflib.get_close_matches(unknown[0].partition("=")[0], options, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
+        return known, unknown
 
 
 def setting(text: str) -> tuple[str, Any]:

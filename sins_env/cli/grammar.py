@@ -1,8 +1,12 @@
-"""The verbs of the command line, their options and their exit codes."""
+"""The verbs of the command line, their options and their exit codes.
+
+Each verb names its function as ``module:name``, so that only what the verb needs is imported.
+"""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 
 from sins_env.cli.arguments import Parser, count, number, positive, seed, setting, several
 from sins_env.recordings import FORMATS
@@ -19,8 +23,6 @@ _FORMATS = f"Formats: {', '.join(map(str, FORMATS.values()))}."
 _EVAL_CODES = (
     f"Exit code 1: any run raised, was lost, or had {_FAILED} Runs given up by the solver are counted in the table."
 )
-
-
 _TASK = "a name (sins-env list shows them)"
 _SOLVER = "a name (sins-env list shows them), or module:Factory: a class in module.py of this folder"
 _SETTING = "a setting of the solver (sins-env describe SOLVER shows them); may be repeated"
@@ -29,153 +31,161 @@ _CONTRACT = (
     "which returns q_nb (4), or in navigation q_nb, v_n and position (10). sins-env describe SINS/AlignSway-v0 shows what obs "
     "holds; sins_env.types.Task is the task. Optional: covariance()."
 )
-_SEED_HELP = "of the suite (default: the task's own); - reads a secret one from standard input"
+_SEED = "of the suite (default: the task's own); - reads a secret one from standard input"
 _SUITE = (
     "A hidden suite: draw a seed of at least 64 bits (python -c 'import secrets; print(secrets.randbits(128))'), publish "
     "its hash, evaluate with --seed -, and publish the seed in the end. Results files hold the first 16 digits only."
 )
-
-
 _VERIFY_CODES = "Exit code 1: a run differs, or none could be run again."
 _TABLES = (
     "What is printed, ours with its 95 % interval, and a verdict. Runs are kept in DIR/results.sqlite and made once; an "
     "interrupted command goes on where it was."
 )
+_LIST = "Without KIND, what there is by name on one screen."
+
+#: Adds a verb: its name, its function, what it does in a few words, and what stands below its options.
+Verb = Callable[..., argparse.ArgumentParser]
 
 
-def parser() -> argparse.ArgumentParser:
-    """The whole grammar; each verb's function, as module:name, is its default ``go``."""
+def parser() -> Parser:
+    """The whole grammar; each verb's function, as ``module:name`` of this folder, is its default ``go``."""
     about = "Which filter aligns a strapdown inertial system fastest?"
     top = Parser(prog="sins-env", description=about, epilog=CODES)
     top.add_argument("--version", action="version", version=f"%(prog)s {VERSION}")
-    verbs = top.add_subparsers(dest="verb", metavar="VERB", parser_class=Parser)
+    verbs = top.add_subparsers(dest="verb", metavar="VERB", parser_class=Parser, required=True)
+    top.verbs = verbs.choices
 
     def verb(name: str, go: str, text: str, epilog: str | None = None) -> argparse.ArgumentParser:
         sub = verbs.add_parser(name, help=text, description=text, epilog=epilog)
         sub.set_defaults(go=go)
         return sub
 
-    verb("list", "describe.listing:list_all", "environments, tasks, solvers, flights, published tables and presets")
+    _look(verb)
+    _play(verb)
+    _read_results(verb)
+    _publish(verb)
+    _hold_against(verb)
+    return top
+
+
+def _look(verb: Verb) -> None:
+    """Verbs that say what there is."""
+    sub = verb(
+        "list", "describe.listing:list_kinds", "names: all of them, or those of one kind with what they are", _LIST
+    )
+    sub.add_argument("kind", nargs="?", metavar="KIND", help="environments, tasks, solvers, flights, tables or presets")
 
     text = "what is known of an environment, task, solver, preset, flight or recording"
-    sub = verb("describe", "describe.listing:describe", text)
+    sub = verb("describe", "describe.named:describe", text)
     sub.add_argument("name", metavar="NAME", help="one that sins-env list shows, module:Factory, or a file")
     sub.add_argument("--allan", metavar="FILE", help="draw the Allan deviation of an IMU preset or a recording")
     sub.add_argument("--plot", metavar="FILE", help="draw a flight: a profile by name, or a YAML or JSON file")
 
+
+def _play(verb: Verb) -> None:
+    """Verbs that run solvers on tasks."""
     sub = verb("run", "verbs.run:run", "one episode, with its final errors and a figure", _RUN_CODES)
     sub.add_argument("task", metavar="TASK", help=_TASK)
     sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
     sub.add_argument("--run", type=number, default=0, metavar="N", help="which run of the suite (default 0)")
     sub.add_argument("--plot", metavar="FILE", help="draw the errors over time")
     sub.add_argument("--traceback", action="store_true", help="show where the solver raised")
+    _add_suite(sub)
 
-    sub2 = verb("eval", "verbs.evaluate:evaluate", "many runs of solvers on tasks, into a results file", _EVAL_CODES)
-    several(sub2, "--task", required=True, help="names (sins-env list shows them)")
-    several(sub2, "--solver", required=True, help=_SOLVER)
-    sub2.add_argument("--runs", type=count, default=100, metavar="N", help="default 100; a recording has its windows")
-    sub2.add_argument("--executor", default="processes", metavar="NAME", help="processes (default) or dask")
-    sub2.add_argument("--workers", type=count, metavar="N", help="default: one per core")
-    sub2.add_argument("--chunk", type=count, metavar="N", help="runs per batch (default 64 to 256)")
-    sub2.add_argument("--resume", action="store_true", help="keep the runs that are there, make those that are missing")
-    sub2.add_argument("--plot", metavar="FILE", help="draw errors over time and success against the threshold")
-    for each in (sub, sub2):
-        each.add_argument("--seed", type=seed, metavar="N", help=_SEED_HELP)
-        each.add_argument("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help=_SETTING)
-        longest = "a run has failed if one call of the solver takes longer, s (default: no limit)"
-        each.add_argument("--timeout", type=positive, metavar="S", help=longest)
+    sub = verb("eval", "verbs.evaluate:evaluate", "many runs of solvers on tasks, into a results file", _EVAL_CODES)
+    several(sub, "--task", required=True, help="names (sins-env list shows them)")
+    several(sub, "--solver", required=True, help=_SOLVER)
+    sub.add_argument("--runs", type=count, default=100, metavar="N", help="default 100; a recording has its windows")
+    sub.add_argument("--executor", default="processes", metavar="NAME", help="processes (default) or dask")
+    _add_workers(sub)
+    sub.add_argument("--chunk", type=count, metavar="N", help="runs per batch (default 64 to 256)")
+    sub.add_argument("--resume", action="store_true", help="keep the runs that are there, make those that are missing")
+    sub.add_argument("--plot", metavar="FILE", help="draw errors over time and success against the threshold")
+    _add_suite(sub)
+    _add_db(sub)
 
+
+def _read_results(verb: Verb) -> None:
+    """Verbs that read a results file."""
     sub = verb("board", "verbs.stored:board", "the ranked table of a results file")
-    several(sub, "--task", help="these tasks only")
-    several(sub, "--solver", help="these solvers only")
+    _add_choice(sub)
     form = sub.add_mutually_exclusive_group()
     for name, kind in (("md", "Markdown"), ("csv", "CSV"), ("json", "JSON")):
-        form.add_argument(
-            f"--{name}", dest="form", action="store_const", const=name, help=f"as {kind}, with all columns"
-        )
+        text = f"as {kind}, with all columns"
+        form.add_argument(f"--{name}", dest="form", action="store_const", const=name, help=text)
     sub.add_argument("--plot", metavar="FILE", help="draw errors over time and success against the threshold")
-    sub3 = verb(
-        "report", "verbs.stored:report", "the results of a file as one HTML page: tables, figures, failures, provenance"
-    )
-    sub3.add_argument("--html", required=True, metavar="FILE", help="where to write it")
-    several(sub3, "--task", help="these tasks only")
-    several(sub3, "--solver", help="these solvers only")
-    for each in (sub, sub2, sub3):
-        each.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
+
+    text = "the results of a file as one HTML page: tables, figures, failures, provenance"
+    sub = verb("report", "verbs.stored:report", text)
+    sub.add_argument("--html", required=True, metavar="FILE", help="where to write it")
+    _add_choice(sub)
 
     text = "two solvers on the same runs: ratio of RMS, success and time, with intervals"
     sub = verb("compare", "verbs.stored:compare", text)
     sub.add_argument("task", metavar="TASK", help="one that the file holds")
     sub.add_argument("solver", metavar="SOLVER", help="as it is called in the file")
     sub.add_argument("reference", metavar="SOLVER", help="the one that it is held against")
-    errors = (
-        "what errors are compared in: azimuth, level ...; of navigation position, velocity ... (default: what ranks)"
-    )
-    sub.add_argument("--score", metavar="NAME", help=errors)
-    sub.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
+    text = "what errors are compared in: azimuth, level ...; of navigation position, velocity ... (default: what ranks)"
+    sub.add_argument("--score", metavar="NAME", help=text)
+    _add_db(sub)
 
     sub = verb("export", "verbs.stored:export", "every run of a results file with all its scores")
     form = sub.add_mutually_exclusive_group(required=True)
     for name in ("csv", "json", "parquet"):
         form.add_argument(f"--{name}", metavar="FILE")
+    _add_choice(sub)
 
-    sub2 = verb("verify", "verbs.stored:verify", "run random rows of a results file again and compare", _VERIFY_CODES)
-    sub2.add_argument("--rows", type=count, default=20, metavar="N", help="how many (default 20)")
-    sub2.add_argument("--seed", type=seed, metavar="N", help=_SEED_HELP)
-    sub2.add_argument(
-        "--draw", type=number, metavar="N", help="seed of the choice of rows (default: another each time)"
-    )
-    sub2.add_argument("--workers", type=count, metavar="N", help="default: one per core")
-    for each in (sub, sub2):
-        several(each, "--task", help="these tasks only")
-        several(each, "--solver", help="these solvers only")
-        each.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
+    sub = verb("verify", "verbs.stored:verify", "run random rows of a results file again and compare", _VERIFY_CODES)
+    sub.add_argument("--rows", type=count, default=20, metavar="N", help="how many (default 20)")
+    sub.add_argument("--seed", type=seed, metavar="N", help=_SEED)
+    text = "seed of the choice of rows (default: another each time)"
+    sub.add_argument("--draw", type=number, metavar="N", help=text)
+    _add_workers(sub)
+    _add_choice(sub)
 
+
+def _publish(verb: Verb) -> None:
+    """Verbs for what is published: tables again, and suites that stay secret for a time."""
     sub = verb("reproduce", "verbs.reproduce:reproduce", "published tables as Monte Carlo runs", _TABLES)
-    sub.add_argument(
-        "table", nargs="*", metavar="TABLE", help="their numbers, as sins-env list shows them (default: all)"
-    )
+    text = "their numbers, as sins-env list tables shows them (default: all)"
+    sub.add_argument("table", nargs="*", metavar="TABLE", help=text)
     sub.add_argument("--runs", type=count, metavar="N", help="of every line (default: each table's own number)")
     sub.add_argument("--quick", action="store_true", help="few runs, for a first look")
     sub.add_argument("--out", default="reproduction", metavar="DIR", help="for REPRODUCTION.md and the runs")
-    sub.add_argument("--workers", type=count, metavar="N", help="default: one per core")
+    _add_workers(sub)
 
     sub = verb("suite-hash", "verbs.stored:suite", "the hash of a secret suite seed, to be published first", _SUITE)
     sub.add_argument("--seed", type=seed, default="-", metavar="N", help="default: - reads it from standard input")
 
+
+def _hold_against(verb: Verb) -> None:
+    """Verbs that hold a solver against the contract, a recording or the clock, and recordings against other formats."""
     sub = verb("check", "verbs.check:check", "hold an estimator against the contract", _CONTRACT)
     sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
-    sub.add_argument("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help=_SETTING)
+    _add_settings(sub)
 
-    sub = verb(
-        "replay",
-        "verbs.recordings:replay",
-        "a solver on windows of any recording: heading, pitch, roll and their spread",
-    )
+    text = "a solver on windows of any recording: heading, pitch, roll and their spread"
+    sub = verb("replay", "verbs.recordings:replay", text)
     sub.add_argument("recording", metavar="FILE", help="of any format, or the mapping (.json) of one")
     sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
-    whole = "s on the recording's clock (default: all of it); may be repeated"
-    sub.add_argument(
-        "--window", type=float, nargs=2, action="append", default=[], metavar=("START", "LENGTH"), help=whole
-    )
+    text = "s on the recording's clock (default: all of it); may be repeated"
+    _add_spans(sub, "--window", ("START", "LENGTH"), text)
     sub.add_argument("--stride", type=float, metavar="S", help="as many windows as fit, each so much later")
     sub.add_argument("--mode", metavar="NAME", help="align (default), or navigate: velocity and position too")
     sub.add_argument("--coarse", type=float, metavar="S", help="coarse phase (default 90 s, 60 s to navigate)")
     sub.add_argument("--epoch", type=float, metavar="S", help="of the navigation (default 0.1 s)")
     sub.add_argument("--imu", metavar="NAME", help="IMU preset that the solver is told (default rlg-car)")
-    outage = "withhold the fixes of these seconds of the window; may be repeated"
-    sub.add_argument(
-        "--outage", type=float, nargs=2, action="append", default=[], metavar=("START", "END"), help=outage
-    )
+    text = "withhold the fixes of these seconds of the window; may be repeated"
+    _add_spans(sub, "--outage", ("START", "END"), text)
     sub.add_argument("--seed", type=seed, default=0, metavar="N", help="of solvers that draw")
-    sub.add_argument("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help=_SETTING)
+    _add_settings(sub)
     sub.add_argument("--plot", metavar="FILE", help="draw heading, pitch, roll and their spread")
 
-    names = ", ".join(FORMATS)
     sub = verb("convert", "verbs.recordings:convert", "a recording in another format", _FORMATS)
     sub.add_argument("source", metavar="IN")
     sub.add_argument("target", metavar="OUT")
-    sub.add_argument("--format", metavar="NAME", help=f"of IN, where its ending does not say it: {names}")
+    text = f"of IN, where its ending does not say it: {', '.join(FORMATS)}"
+    sub.add_argument("--format", metavar="NAME", help=text)
     sub.add_argument("--to", metavar="NAME", help="format of OUT, likewise")
     sub.add_argument("--mapping", metavar="FILE", help="what IN does not say of itself, as JSON (default: IN's .json)")
     sub.add_argument("--axes", metavar="AXES", help="where x, y, z of IN point: FRD, RFU, FLU ... or +y+x-z")
@@ -188,4 +198,34 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("solver", metavar="SOLVER", nargs="?", default="ckf", help=f"{_SOLVER} (default ckf)")
     sub.add_argument("--task", default="sway-white-v0", metavar="NAME", help="default sway-white-v0")
     sub.add_argument("--runs", type=count, nargs="+", default=[256, 1], metavar="N", help="batch sizes (default 256 1)")
-    return top
+
+
+def _add_settings(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help=_SETTING)
+
+
+def _add_suite(sub: argparse.ArgumentParser) -> None:
+    """Options of verbs that play runs of a suite."""
+    sub.add_argument("--seed", type=seed, metavar="N", help=_SEED)
+    _add_settings(sub)
+    text = "a run has failed if one call of the solver takes longer, s (default: no limit)"
+    sub.add_argument("--timeout", type=positive, metavar="S", help=text)
+
+
+def _add_workers(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--workers", type=count, metavar="N", help="default: one per core")
+
+
+def _add_db(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=f"results file (default {DEFAULT_DB})")
+
+
+def _add_choice(sub: argparse.ArgumentParser) -> None:
+    """Options of verbs that read some or all of a results file."""
+    several(sub, "--task", help="these tasks only")
+    several(sub, "--solver", help="these solvers only")
+    _add_db(sub)
+
+
+def _add_spans(sub: argparse.ArgumentParser, flag: str, names: tuple[str, str], text: str) -> None:
+    sub.add_argument(flag, type=float, nargs=2, action="append", default=[], metavar=names, help=text)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import os
 import sys
@@ -14,7 +13,6 @@ from sins_env.checks import unknown
 from sins_env.cli.arguments import WrongUse
 from sins_env.cli.grammar import parser
 from sins_env.cli.output import RunFailed
-from sins_env.evaluation.estimators.memory import keep_freed_memory
 
 INTERRUPTED = 130
 
@@ -27,7 +25,6 @@ class _Console(Console):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; its exit code: 0, 1 for a failed run, 2 for wrong use, 130 for Ctrl-C."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    keep_freed_memory()
     try:
         code = _run(arguments)
         sys.stdout.flush()
@@ -51,15 +48,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(arguments: list[str]) -> int:
     top = parser()
-    verbs = next(a for a in top._actions if isinstance(a, argparse._SubParsersAction)).choices
     if not arguments:
         top.print_help(sys.stderr)
         return 2
-    if not arguments[0].startswith("-") and arguments[0] not in verbs:
-        raise unknown("command", arguments[0], verbs)
+    if not arguments[0].startswith("-") and arguments[0] not in top.verbs:
+        raise unknown("command", arguments[0], top.verbs)
     given = top.parse_args(arguments)
     module, _, name = given.go.partition(":")
-    go = getattr(importlib.import_module(f"sins_env.cli.{module}"), name)  # what the other verbs need stays out
+    go = getattr(importlib.import_module(f"sins_env.cli.{module}"), name)  # what help and other verbs do without
+    from sins_env.evaluation.estimators.memory import keep_freed_memory  # brings the whole evaluation along
+
+    keep_freed_memory()
     return int(go(given, _Console(soft_wrap=not sys.stdout.isatty() and "COLUMNS" not in os.environ)))
 
 

@@ -71,6 +71,9 @@ class EpisodeEnv(gymnasium.Env[Obs, Array]):
     env_id: ClassVar[str]
     settings: ClassVar[type]
     world: ClassVar[Callable[..., World]]  #: takes the id and the settings
+    navigates: ClassVar[tuple[bool, ...]] = (
+        False,
+    )  #: whether an action holds velocity and position; both, if a setting decides
 
     @classmethod
     def make_world(cls, settings: dict[str, Any]) -> World:

@@ -60,6 +60,7 @@ class NavFlightEnv(EpisodeEnv):
     env_id = "SINS/NavFlight-v0"
     settings = FlightSettings
     world = FlightWorld
+    navigates = (True,)
 
 
 class NavFlightVectorEnv(EpisodeVectorEnv):
@@ -74,6 +75,7 @@ class ReplayEnv(EpisodeEnv):
     env_id = "SINS/Replay-v0"
     settings = ReplaySettings
     world = ReplayWorld
+    navigates = (False, True)
 
 
 class ReplayVectorEnv(EpisodeVectorEnv):

@@ -8,12 +8,13 @@ import sqlite3
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from places import ROOT
 
 import sins_env
-from sins_env.cli.describe import listing
+from sins_env.cli.describe import layout, listing, named
 from sins_env.evaluation.estimators import finding, version
 from sins_env.evaluation.tasks import catalogue as tasks
 from sins_env.types import Observation
@@ -58,11 +59,43 @@ def table(cli, *more):
     return [{name: value for name, value in entry.items() if name != "cost_ratio"} for entry in json.loads(out)]
 
 
-def test_list(cli):
+def test_list_fits_one_screen_and_names_everything(cli, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
     code, out, err = cli("list")
     assert (code, err) == (0, [])
-    for name in ("SINS/AlignSway-v0", "sway-told-wrong-v0", "rlg-car", "dgps", "6.interference"):
-        assert name in out
+    lines = out.splitlines()
+    assert len(lines) <= 40
+    assert max(map(len, lines)) <= 80
+    words = out.replace(",", " ").split()
+    for title, kind in listing.KINDS.items():
+        names = list(kind.names())
+        assert set(names) <= set(words)  # whole
+        assert f"{title} {len(names)}" in " ".join(words)
+    assert "SINS/AlignSway-v0" in words
+    assert "sins-env list KIND" in out
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "what"),
+    [
+        ("environments", "SINS/Replay-v0", "A recording of an IMU, with its fixes, or zero-velocity updates"),
+        ("tasks", "sway-told-wrong-v0", '0.6 deg, 60"'),
+        ("solvers", "ckf", "The cubature Kalman filter."),
+        ("flights", "hotstart30", "told heading wrong by 30 deg"),
+        ("tables", "6.interference", "one disturbance of a parked car"),
+        ("presets", "perfect", "IMU and GPS"),
+        ("presets", "dgps", "GPS"),
+    ],
+)
+@pytest.mark.parametrize("columns", ["60", "200"])
+def test_list_of_a_kind(cli, monkeypatch, kind, name, what, columns):
+    monkeypatch.setenv("COLUMNS", columns)
+    code, out, err = cli("list", kind)
+    assert (code, err) == (0, [])
+    (row,) = [line for line in out.splitlines() if line.split()[:1] == [name]]
+    assert columns == "60" or what in row
+    first = [line.split()[0] for line in out.splitlines() if line.split()]
+    assert set(listing.KINDS[kind].names()) <= set(first)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +125,7 @@ def test_describe(cli, name, part):
 
 
 def test_describe_names_all_that_an_observation_holds():
-    assert set(listing.OBSERVATION) == set(Observation.__annotations__)
+    assert set(named.OBSERVATION) == set(Observation.__annotations__)
 
 
 def test_describe_preset_with_allan(cli, tmp_path):
@@ -343,7 +376,11 @@ def test_bench_of_a_task_that_is_too_short(cli, short, monkeypatch):
         (("describe", "gone.yaml"), "gone.yaml"),
         (("describe", "sun212"), "did you mean 'sun2012'?"),
         (("check", PLUGIN + "Nothing"), "without batched, reset, step"),
-        (("bench", "--frobnicate"), "unrecognized arguments"),
+        (("bench", "--frobnicate"), "unrecognized arguments: --frobnicate (see sins-env bench --help)"),
+        (("run", "sway-white-v0", GOOD, "--ploy=3"), "--ploy=3; did you mean '--plot'? (see sins-env run --help)"),
+        (("run", "sway-white-v0", GOOD, "more"), "unrecognized arguments: more (see sins-env run --help)"),
+        (("--frobnicate",), "(see sins-env --help)"),
+        (("list", "solver"), "unknown kind 'solver'; did you mean 'solvers'? Allowed: environments, flights, presets"),
     ],
 )
 def test_wrong_use(cli, tmp_path, arguments, part):
@@ -382,7 +419,7 @@ def test_names_of_installed_solvers(cli, monkeypatch):
     ]
     monkeypatch.setattr(finding.importlib.metadata, "entry_points", lambda group: points)
     assert cli("describe", "dead")[0] == 0
-    assert "cannot be loaded" in cli("list")[1]
+    assert "cannot be loaded" in cli("list", "solvers")[1]
     assert "did you mean 'dead'?" in cli("run", "sway-white-v0", "deat")[2][0]
     assert "cannot be loaded" in cli("check", "gone")[2][0]
     assert version.code_version("dead") == version.code_version(GOOD)
@@ -409,16 +446,28 @@ def test_an_edit_of_installed_solvers_makes_every_row_stale(tmp_path, monkeypatc
 
 def test_descriptions_are_whole_sentences(cli, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
-    _, out, _ = cli("list")
+    out = "".join(cli("list", kind)[1] for kind in ("environments", "tasks"))
     assert "see ReplaySettings" not in out
     assert "A recording of an IMU, with its fixes, or zero-velocity updates where it has none." in out
     assert "The swaying base of 000 section 2.5.1." in out
     assert "swaying base, told attitude wrong by 1/1/15 deg (1 sigma), Gauss-Markov IMU errors" in out
-    assert listing._summary("First: with ``a: b`` in it, e.g. this. Second.") == "First: with a: b in it, e.g. this."
+    assert layout.summary("First: with ``a: b`` in it, e.g. this. Second.") == "First: with a: b in it, e.g. this."
     for task in tasks.TASKS.values():
         assert "the same" not in task.what
     _, _, err = cli("describe", "prefect")
     assert err[0].count("perfect") == 2  # offered once, listed once
+
+
+def test_the_package_is_the_command(tmp_path):
+    """``python -m sins_env`` and ``sins-env`` are one, and say their version without the evaluation."""
+    for command in ([sys.executable, "-m", "sins_env"], [str(Path(sys.executable).parent / "sins-env")]):
+        done = subprocess.run([*command, "--version"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+        assert (done.returncode, done.stdout) == (0, f"sins-env {sins_env.__version__}\n")
+        done = subprocess.run([*command, "lits"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+        assert (done.returncode, done.stderr[:60]) == (
+            2,
+            "sins-env: unknown command 'lits'; did you mean 'list'? Allow",
+        )
 
 
 def test_process_pipe_and_piped_reader(tmp_path):

@@ -1,252 +1,123 @@
-"""``sins-env list`` and ``sins-env describe``."""
+"""``sins-env list``: what there is, by name on one screen, or one kind of it with what each is."""
 
 from __future__ import annotations
 
-import dataclasses
-import inspect
-import re
 from argparse import Namespace
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from sins_env.checks import unknown
-from sins_env.cli.describe.flight import describe_flight, draw_flight
-from sins_env.cli.describe.recording import describe_recording, is_recording
-from sins_env.cli.output import check_plot, save_figure
+from sins_env.checks import choice
+from sins_env.cli.describe import layout
 from sins_env.envs import ENV_IDS
-from sins_env.envs.base import EpisodeEnv
 from sins_env.envs.environments import ENVIRONMENTS
 from sins_env.evaluation import reproduction
 from sins_env.evaluation.estimators import finding
-from sins_env.evaluation.play.progress import Bar
-from sins_env.evaluation.show.footer import order
-from sins_env.evaluation.show.style import titled
 from sins_env.evaluation.tasks.catalogue import TASKS
-from sins_env.evaluation.tasks.task import EvaluationTask, suite_hash
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS
-from sins_env.worlds.profiles import PROFILES, is_flight
+from sins_env.worlds.profiles import PROFILES
 
-#: what an estimator is given and gives back; shapes of one run
-OBSERVATION = {
-    "t": ("(1,)", "s, end of the epoch"),
-    "dtheta": ("(n_sub, 3)", "rad, gyro increments along the body's Right, Forward, Up"),
-    "dvel": ("(n_sub, 3)", "m/s, accelerometer increments (specific force) along the same axes"),
-    "gps_vel": ("(3,)", "m/s, velocity fix East, North, Up at t; zeros without a fix"),
-    "gps_pos": ("(3,)", "latitude rad, longitude rad, height m; zeros without a fix"),
-    "gps_valid": ("(1,)", "1 where there is a fix at t"),
-}
-ALIGNMENT = ("(4,)", "q_nb, scalar first, body to East, North, Up")
-NAVIGATION = ("(10,)", "q_nb, v_n m/s East, North, Up, latitude rad, longitude rad, height m")
 SOURCES = "Sources: 000 is Wang Junhou's thesis (2011); 001, 002 and 003 are the papers of the flights sun2012, zhao2010 and lu."
+HINT = """
+sins-env list KIND     what each of a kind is
+sins-env describe NAME all about one; of a table, sins-env reproduce NUMBER"""
+NO_SOLVERS = "none installed: pip install . in the project's directory, or use module:Factory"
 
 
-def _table(title: str, *columns: str) -> Table:
-    table = titled(title)
-    table.show_header = any(columns)
-    for i, name in enumerate(columns):
-        table.add_column(name, overflow="fold", no_wrap=i == 0)  # names stay whole
+def _environment(env_id: str) -> tuple[str, ...]:
+    return (layout.summary(ENVIRONMENTS[env_id].single.__doc__),)
+
+
+def _task(name: str) -> tuple[str, ...]:
+    task = TASKS[name]
+    return task.what, f'{task.delta_azimuth_deg:g} deg, {task.delta_level_arcsec:g}"'
+
+
+def _solver(name: str) -> tuple[str, ...]:
+    """A solver that cannot be loaded must not spoil the list."""
+    package = finding.provider(name)
+    try:
+        text = layout.summary(finding.describe(name)[0])
+    except ValueError as error:
+        text = layout.summary(f"cannot be loaded: {error}")
+    return (text + (f" [{package}]" if package else ""),)
+
+
+def _flight(name: str) -> tuple[str, ...]:
+    return (PROFILES[name].what,)
+
+
+def _published(number: str) -> tuple[str, ...]:
+    table = reproduction.TABLES[number]
+    return (f"{table.title} ({table.source})",)
+
+
+def _preset(name: str) -> tuple[str, ...]:
+    return (" and ".join(sensor for sensor, there in (("IMU", IMU_PRESETS), ("GPS", GPS_PRESETS)) if name in there),)
+
+
+class Kind(NamedTuple):
+    """What ``list`` can list."""
+
+    names: Callable[[], Iterable[str]]
+    columns: tuple[str, ...]
+    cells: Callable[[str], tuple[str, ...]]  #: what stands beside a name
+    cites: bool = True  #: whether it names the source documents
+
+
+KINDS = {
+    "environments": Kind(lambda: ENV_IDS, ("id", "what"), _environment),
+    "tasks": Kind(lambda: TASKS, ("name", "what", "aligned within"), _task),
+    "solvers": Kind(finding.names, ("name", "what"), _solver),
+    "flights": Kind(lambda: PROFILES, ("name", "what"), _flight),
+    "tables": Kind(lambda: reproduction.TABLES, ("number", "what is printed"), _published),
+    "presets": Kind(lambda: dict.fromkeys([*IMU_PRESETS, *GPS_PRESETS]), ("name", "sensor"), _preset, cites=False),
+}
+
+
+def list_kinds(given: Namespace, console: Console) -> int:
+    """Print one kind, or the names of all."""
+    if given.kind is None:
+        console.print(_all_names())
+        console.print(HINT, highlight=False)
+    else:
+        kind = choice("kind", given.kind, KINDS)
+        console.print(_one_kind(kind))
+        if KINDS[kind].cites:
+            console.print(SOURCES, highlight=False)
+    return 0
+
+
+def _all_names() -> Table:
+    """A row for each kind: how many there are, and their names."""
+    table = Table.grid(padding=(0, 2))
+    table.add_column(no_wrap=True, style="bold")
+    table.add_column(no_wrap=True, justify="right")
+    table.add_column(overflow="fold")
+    for kind, one in KINDS.items():
+        names = list(one.names())
+        table.add_row(kind, str(len(names)), escape(", ".join(names)) or NO_SOLVERS)
     return table
 
 
-def _env_class(env_id: str) -> type[EpisodeEnv]:
-    return ENVIRONMENTS[env_id].single
+def _one_kind(kind: str) -> Table:
+    one = KINDS[kind]
+    names = list(one.names())
+    table = layout.table(kind, *one.columns)
+    for name in names:
+        table.add_row(escape(name), *map(escape, one.cells(name)))
+    if kind == "solvers":
+        _add_to_solvers(table, bool(names))
+    return table
 
 
-def _summary(text: str | None) -> str:
-    """First sentence of a docstring, without markup."""
-    return re.split(r"(?<=[.!?])\s+(?=[A-Z])", _prose((text or "").split("\n\n")[0]), maxsplit=1)[0]
-
-
-def _of_environment(env_id: str) -> str:
-    """The first sentence of the environment's class."""
-    return _summary(_env_class(env_id).__doc__)
-
-
-def _prose(text: str) -> str:
-    """A paragraph of a docstring on one line, without markup."""
-    return re.sub(r"(?::\w+:)?`+~?([^`]*)`+", r"\1", " ".join(text.split()))
-
-
-def list_all(given: Namespace, console: Console) -> int:
-    """Environments, tasks, solvers, flights, published tables and presets."""
-    table = _table("environments", "id", "what")
-    for env_id in ENV_IDS:
-        table.add_row(env_id, _of_environment(env_id))
-    console.print(table)
-    table = _table("tasks", "name", "what", "aligned within")
-    for task in TASKS.values():
-        table.add_row(task.name, task.what, f'{task.delta_azimuth_deg:g} deg, {task.delta_level_arcsec:g}"')
-    console.print(table)
-    table = _table("solvers", "name", "what")
-    for name in finding.names():
-        package = finding.provider(name)
-        table.add_row(name, escape(_summary(_safely(name)[0]) + (f" [{package}]" if package else "")))
-    if not finding.names():
-        table.add_row("-", "none installed: pip install . in the project's directory, or use module:Factory")
+def _add_to_solvers(table: Table, any_installed: bool) -> None:
+    """Say where there are none, and which are not shown."""
+    if not any_installed:
+        table.add_row("-", NO_SOLVERS)
     if hidden := finding.shadowed():
         table.caption = f"not shown, for their names are taken: {', '.join(map(escape, hidden))}; use module:Factory"
         table.caption_justify = "left"
-    console.print(table)
-    table = _table("flights", "name", "what")
-    for name, profile in PROFILES.items():
-        table.add_row(name, profile.what)
-    console.print(table)
-    table = _table("published tables, for reproduce", "number", "what")
-    for number, published in reproduction.TABLES.items():
-        table.add_row(number, f"{published.title} ({published.source})")
-    console.print(table)
-    table = _table("presets", "kind", "names")
-    table.add_row("IMU", ", ".join(IMU_PRESETS))
-    table.add_row("GPS", ", ".join(GPS_PRESETS))
-    console.print(table)
-    console.print(SOURCES, highlight=False)
-    return 0
-
-
-def _safely(name: str) -> tuple[str, dict[str, str]]:
-    """A solver that cannot be loaded must not spoil the list."""
-    try:
-        return finding.describe(name)
-    except ValueError as error:
-        return f"cannot be loaded: {error}", {}
-
-
-def describe(given: Namespace, console: Console) -> int:
-    """Whatever goes by that name; a preset that is both IMU and GPS is shown as both."""
-    name, found = given.name, False
-    if given.allan:
-        _check_allan(name, given.allan)
-    if given.plot:
-        _check_flight(name, given.plot)
-    if name in TASKS:
-        found = _task(TASKS[name], console)
-    if name in ENV_IDS:
-        found = _environment(name, console)
-    for kind, presets in (("IMU", IMU_PRESETS), ("GPS", GPS_PRESETS)):
-        if name in presets:
-            found = _preset(kind, name, presets[name], console)
-    if name in finding.names() or ":" in name:
-        found = _solver(name, console)
-    if is_flight(name):
-        found = describe_flight(name, console)
-    if not found and is_recording(name):
-        found = describe_recording(name, console)
-    if not found:
-        everything = [*TASKS, *ENV_IDS, *PROFILES, *IMU_PRESETS, *GPS_PRESETS, *finding.names()]
-        raise unknown("name", name, dict.fromkeys(everything))
-    if given.allan:
-        _allan(name, given.allan)
-    if given.plot:
-        draw_flight(name, given.plot)
-    return 0
-
-
-def _task(task: EvaluationTask, console: Console) -> bool:
-    env = task.make(1)
-    public = env.unwrapped.task  # type: ignore[attr-defined]
-    env.close()
-    table = _table(task.name, "", "")
-    rows = {
-        "what": task.what,
-        "source": task.source,
-        "environment": f"{task.env_id} {dict(task.kwargs)}",
-        "aligned": f"{task.thresholds} until the end, for {task.hold_s:g} s or more",
-        "scored": f"from {max(task.score_from_s, public.coarse_s):g} s on; order: {order(task)}"
-        if public.navigate
-        else "",
-        "duration": f"{public.duration_s:g} s ({public.coarse_s:g} s coarse), {public.num_epochs} epochs",
-        "runs": f"up to {task.max_runs}, the windows of the recording" if task.max_runs else "as many as asked for",
-        "suite": f"seed {task.suite_seed}, hash {suite_hash(task)}",
-    }
-    for name, text in filter(all, rows.items()):
-        table.add_row(name, escape(text))
-    console.print(table)
-    _fields("told prior (1 sigma)", public.prior, console)
-    return True
-
-
-def _environment(env_id: str, console: Console) -> bool:
-    cls = _env_class(env_id)
-    console.print(f"[bold]{env_id}[/]  {escape(_of_environment(env_id))}\n", highlight=False)
-    for base in filter(dataclasses.is_dataclass, inspect.getmro(cls.settings)):
-        for paragraph in inspect.cleandoc(base.__doc__ or "").split("\n\n"):
-            if not paragraph.startswith("Raises"):
-                console.print(escape(_prose(paragraph)) + "\n", highlight=False)
-    table = _table("keyword arguments", "name", "default")
-    for field in dataclasses.fields(cls.settings):
-        table.add_row(field.name, escape(repr(field.default)))
-    table.add_row("reveal_truth", "False")
-    table.add_row("render_mode", "None")
-    console.print(table)
-    table = _table("observation of an epoch, and the action", "name", "shape", "what")
-    for name, (shape, what) in OBSERVATION.items():
-        table.add_row(name, shape, what)
-    if env_id != "SINS/NavFlight-v0":
-        table.add_row("action", *ALIGNMENT)
-    if env_id in ("SINS/NavFlight-v0", "SINS/Replay-v0"):
-        table.add_row("action", *NAVIGATION)
-    console.print(table)
-    console.print("num_envs environments, by gymnasium.make_vec, put an axis in front of all shapes.", highlight=False)
-    return True
-
-
-def _fields(title: str, spec: Any, console: Console) -> None:
-    table = _table(title, "field", "value")
-    for field in dataclasses.fields(spec):
-        table.add_row(field.name, _plain(getattr(spec, field.name)))
-    console.print(table)
-
-
-def _plain(value: Any) -> str:
-    if isinstance(value, tuple):
-        return ", ".join(_plain(part) for part in value) or "none"
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _preset(kind: str, name: str, spec: Any, console: Console) -> bool:
-    _fields(f"{name}, {kind} preset", spec, console)
-    return True
-
-
-def _solver(name: str, console: Console) -> bool:
-    text, settings = finding.describe(name)
-    console.print(f"[bold]{escape(name)}[/]  {escape(_prose(text) or 'no description')}", highlight=False)
-    if settings:
-        table = _table("settings", "name", "default")
-        for setting, default in settings.items():
-            table.add_row(setting, escape(default))
-        console.print(table)
-    return True
-
-
-def _check_allan(name: str, path: str) -> None:
-    check_plot(path, "--allan")
-    if name not in IMU_PRESETS and not is_recording(name):
-        allowed = f"an IMU preset ({', '.join(IMU_PRESETS)}) or a recording"
-        raise ValueError(f"--allan for {name!r}; allowed: {allowed}")
-
-
-def _check_flight(name: str, path: str) -> None:
-    check_plot(path)
-    if not is_flight(name):
-        raise ValueError(
-            f"--plot for {name!r}; allowed: a flight ({', '.join(PROFILES)}), or a YAML or JSON file with one"
-        )
-
-
-def _allan(name: str, path: str) -> None:
-    """Draw the Allan deviation of an IMU preset or a recording."""
-    from sins_env import recordings
-    from sins_env.cli.describe import figures
-
-    with Bar("Allan deviation"):
-        if name in IMU_PRESETS:
-            figure = figures.allan_figure(IMU_PRESETS[name], name, np.random.default_rng(0))
-        else:
-            figure = figures.allan_figure(recordings.load(name), Path(name).stem)
-    save_figure(figure, path)

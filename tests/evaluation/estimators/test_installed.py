@@ -48,7 +48,7 @@ def command(site, tmp_path):
 
 
 def test_an_installed_package(command):
-    (row,) = [line for line in command("list").splitlines() if "gyro_reckoning" in line]
+    (row,) = [line for line in command("list", "solvers").splitlines() if "gyro_reckoning" in line]
     assert "Turns the told attitude by every gyro increment" in row
     assert "[gyro-reckoning 0.1.0]" in row
     assert "gyro_reckoning meets the contract" in command("check", "gyro_reckoning")
@@ -114,7 +114,7 @@ def test_nobody_takes_a_name_of_the_projects_own(offered, capsys, monkeypatch, r
     assert (finding.is_own("ckf"), finding.is_own("egg"), finding.is_own(plugins.Lost)) == (True, False, False)
     assert finding.is_own("evaluation.plugins:DeadReckoning") is False
     assert (finding.provider("ckf"), finding.provider("egg")) == (None, "cuckoo 1.2")
-    assert main(["list"]) == 0
+    assert main(["list", "solvers"]) == 0
     assert "taken: ckf of cuckoo (evaluation.plugins:Lost); use module:Factory" in " ".join(
         capsys.readouterr().out.split()
     )
@@ -148,7 +148,7 @@ def test_a_broken_entry_point_breaks_nothing_else(offered, capsys, tmp_path, mon
         ("bad", "nothing", "evaluation.plugins:Nothing"),
         ("bad", "fails", "evaluation.plugins:broken_factory"),
     )
-    assert main(["list"]) == 0
+    assert main(["list", "solvers"]) == 0
     out = capsys.readouterr().out
     assert "The told attitude, carried on by the gyros." in out
     for part in ("SystemExit: 3", "No module named 'no_such_package'", "ZeroDivisionError", "no attribute 'Absent'"):

@@ -1,0 +1,28 @@
+"""Tables and sentences as ``list`` and ``describe`` print them."""
+
+from __future__ import annotations
+
+import re
+
+from rich.table import Table
+
+from sins_env.evaluation.show.style import titled
+
+
+def table(title: str, *columns: str) -> Table:
+    """An empty table; without names of columns it has no header. The first column is never cut."""
+    made = titled(title)
+    made.show_header = any(columns)
+    for i, name in enumerate(columns):
+        made.add_column(name, overflow="fold", no_wrap=i == 0)
+    return made
+
+
+def prose(text: str) -> str:
+    """A paragraph of a docstring on one line, without markup."""
+    return re.sub(r"(?::\w+:)?`+~?([^`]*)`+", r"\1", " ".join(text.split()))
+
+
+def summary(text: str | None) -> str:
+    """The first sentence of a docstring, without markup."""
+    return re.split(r"(?<=[.!?])\s+(?=[A-Z])", prose((text or "").split("\n\n")[0]), maxsplit=1)[0]

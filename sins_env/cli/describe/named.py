@@ -1,0 +1,172 @@
+"""``sins-env describe``: all that is known of one thing, whatever goes by its name."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+
+from sins_env import recordings
+from sins_env.checks import unknown
+from sins_env.cli.describe import figures, layout
+from sins_env.cli.describe.flight import describe_flight, draw_flight
+from sins_env.cli.describe.listing import KINDS
+from sins_env.cli.describe.recording import describe_recording, is_recording
+from sins_env.cli.output import check_plot, save_figure
+from sins_env.envs.environments import ENVIRONMENTS
+from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.play.progress import Bar
+from sins_env.evaluation.show.footer import order
+from sins_env.evaluation.tasks.catalogue import TASKS
+from sins_env.evaluation.tasks.task import EvaluationTask, suite_hash
+from sins_env.specs import GPS_PRESETS, IMU_PRESETS
+from sins_env.worlds.profiles import PROFILES, is_flight
+
+#: what an estimator is given and gives back; shapes of one run
+OBSERVATION = {
+    "t": ("(1,)", "s, end of the epoch"),
+    "dtheta": ("(n_sub, 3)", "rad, gyro increments along the body's Right, Forward, Up"),
+    "dvel": ("(n_sub, 3)", "m/s, accelerometer increments (specific force) along the same axes"),
+    "gps_vel": ("(3,)", "m/s, velocity fix East, North, Up at t; zeros without a fix"),
+    "gps_pos": ("(3,)", "latitude rad, longitude rad, height m; zeros without a fix"),
+    "gps_valid": ("(1,)", "1 where there is a fix at t"),
+}
+ALIGNMENT = ("(4,)", "q_nb, scalar first, body to East, North, Up")
+NAVIGATION = ("(10,)", "q_nb, v_n m/s East, North, Up, latitude rad, longitude rad, height m")
+
+
+def describe(given: Namespace, console: Console) -> int:
+    """Whatever goes by that name; a preset that is both IMU and GPS is shown as both."""
+    name, found = given.name, False
+    if given.allan:
+        _check_allan(name, given.allan)
+    if given.plot:
+        _check_flight(name, given.plot)
+    if name in TASKS:
+        found = _task(TASKS[name], console)
+    if name in ENVIRONMENTS:
+        found = _environment(name, console)
+    for kind, presets in (("IMU", IMU_PRESETS), ("GPS", GPS_PRESETS)):
+        if name in presets:
+            found = _preset(kind, name, presets[name], console)
+    if name in finding.names() or ":" in name:
+        found = _solver(name, console)
+    if is_flight(name):
+        found = describe_flight(name, console)
+    if not found and is_recording(name):
+        found = describe_recording(name, console)
+    if not found:
+        described = [kind for title, kind in KINDS.items() if title != "tables"]
+        raise unknown("name", name, dict.fromkeys(found for kind in described for found in kind.names()))
+    if given.allan:
+        _allan(name, given.allan)
+    if given.plot:
+        draw_flight(name, given.plot)
+    return 0
+
+
+def _task(task: EvaluationTask, console: Console) -> bool:
+    env = task.make(1)
+    public = env.unwrapped.task  # type: ignore[attr-defined]
+    env.close()
+    table = layout.table(task.name, "", "")
+    rows = {
+        "what": task.what,
+        "source": task.source,
+        "environment": f"{task.env_id} {dict(task.kwargs)}",
+        "aligned": f"{task.thresholds} until the end, for {task.hold_s:g} s or more",
+        "scored": f"from {max(task.score_from_s, public.coarse_s):g} s on; order: {order(task)}"
+        if public.navigate
+        else "",
+        "duration": f"{public.duration_s:g} s ({public.coarse_s:g} s coarse), {public.num_epochs} epochs",
+        "runs": f"up to {task.max_runs}, the windows of the recording" if task.max_runs else "as many as asked for",
+        "suite": f"seed {task.suite_seed}, hash {suite_hash(task)}",
+    }
+    for name, text in filter(all, rows.items()):
+        table.add_row(name, escape(text))
+    console.print(table)
+    _fields("told prior (1 sigma)", public.prior, console)
+    return True
+
+
+def _environment(env_id: str, console: Console) -> bool:
+    cls = ENVIRONMENTS[env_id].single
+    console.print(f"[bold]{env_id}[/]  {escape(layout.summary(cls.__doc__))}\n", highlight=False)
+    for base in filter(dataclasses.is_dataclass, inspect.getmro(cls.settings)):
+        for paragraph in inspect.cleandoc(base.__doc__ or "").split("\n\n"):
+            if not paragraph.startswith("Raises"):
+                console.print(escape(layout.prose(paragraph)) + "\n", highlight=False)
+    table = layout.table("keyword arguments", "name", "default")
+    for field in dataclasses.fields(cls.settings):
+        table.add_row(field.name, escape(repr(field.default)))
+    table.add_row("reveal_truth", "False")
+    table.add_row("render_mode", "None")
+    console.print(table)
+    table = layout.table("observation of an epoch, and the action", "name", "shape", "what")
+    for name, (shape, what) in OBSERVATION.items():
+        table.add_row(name, shape, what)
+    for navigates in cls.navigates:
+        table.add_row("action", *(NAVIGATION if navigates else ALIGNMENT))
+    console.print(table)
+    console.print("num_envs environments, by gymnasium.make_vec, put an axis in front of all shapes.", highlight=False)
+    return True
+
+
+def _fields(title: str, spec: Any, console: Console) -> None:
+    table = layout.table(title, "field", "value")
+    for field in dataclasses.fields(spec):
+        table.add_row(field.name, _plain(getattr(spec, field.name)))
+    console.print(table)
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(_plain(part) for part in value) or "none"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _preset(kind: str, name: str, spec: Any, console: Console) -> bool:
+    _fields(f"{name}, {kind} preset", spec, console)
+    return True
+
+
+def _solver(name: str, console: Console) -> bool:
+    text, settings = finding.describe(name)
+    console.print(f"[bold]{escape(name)}[/]  {escape(layout.prose(text) or 'no description')}", highlight=False)
+    if settings:
+        table = layout.table("settings", "name", "default")
+        for setting, default in settings.items():
+            table.add_row(setting, escape(default))
+        console.print(table)
+    return True
+
+
+def _check_allan(name: str, path: str) -> None:
+    check_plot(path, "--allan")
+    if name not in IMU_PRESETS and not is_recording(name):
+        allowed = f"an IMU preset ({', '.join(IMU_PRESETS)}) or a recording"
+        raise ValueError(f"--allan for {name!r}; allowed: {allowed}")
+
+
+def _check_flight(name: str, path: str) -> None:
+    check_plot(path)
+    if not is_flight(name):
+        raise ValueError(
+            f"--plot for {name!r}; allowed: a flight ({', '.join(PROFILES)}), or a YAML or JSON file with one"
+        )
+
+
+def _allan(name: str, path: str) -> None:
+    """Draw the Allan deviation of an IMU preset or a recording."""
+    with Bar("Allan deviation"):
+        if name in IMU_PRESETS:
+            figure = figures.allan_figure(IMU_PRESETS[name], name, np.random.default_rng(0))
+        else:
+            figure = figures.allan_figure(recordings.load(name), Path(name).stem)
+    save_figure(figure, path)
