@@ -8,9 +8,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sins_env.arrays import Array
 from sins_env.specs import IMU_PRESETS, GpsSpec, ImuSpec
+from sins_env.states import ERRORS, FIX
 from sins_env.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, UG
 
 
@@ -18,9 +20,10 @@ from sins_env.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, UG
 class Prior:
     """The assumed spread of the start, the assumed process noise, and the assumed noise of the fixes.
 
-    ``P0`` and ``Q`` order 15 errors: phi E, N, U (rad), velocity E, N, U (m/s), position E, N, U (m), gyro bias R, F, U
-    (rad/s), accelerometer bias R, F, U (m/s^2). ``R`` orders velocity (m/s), position (m). ``Q`` is per epoch. The arrays
-    are read-only, because every run is told the same ones. See docs/mathematics/frames.md#state-layout.
+    ``P0`` and ``Q`` have the layout :data:`sins_env.states.ERRORS` of 15 errors: phi E, N, U (rad), velocity E, N, U (m/s),
+    position E, N, U (m), gyro bias R, F, U (rad/s), accelerometer bias R, F, U (m/s^2). ``R`` has the layout ``FIX``:
+    velocity (m/s), position (m). ``Q`` is per epoch. The arrays are read-only, because every run is told the same ones. See
+    docs/mathematics/frames.md#state-layout.
     """
 
     attitude_std_deg: tuple[float, ...]
@@ -37,25 +40,26 @@ class Prior:
     @cached_property
     def P0(self) -> Array:
         """Covariance of the errors at the start, (15, 15)."""
-        std = [
-            *(np.asarray(self.attitude_std_deg) * DEG),
-            *[self.velocity_std_mps] * 3,
-            *[self.position_std_m] * 3,
-            *[self.gyro_bias_std_deg_h * DEG_PER_H] * 3,
-            *[self.accel_bias_std_ug * UG] * 3,
-        ]
-        return _frozen(np.diag(np.square(std)))
+        std: dict[str, ArrayLike] = {
+            "phi": np.asarray(self.attitude_std_deg) * DEG,
+            "dv": self.velocity_std_mps,
+            "dp": self.position_std_m,
+            "gyro_bias": self.gyro_bias_std_deg_h * DEG_PER_H,
+            "accel_bias": self.accel_bias_std_ug * UG,
+        }
+        return _frozen(np.diag(np.square(ERRORS.values(std))))
 
     @cached_property
     def Q(self) -> Array:
         """Covariance of the process noise of one epoch, (15, 15): diag(N^2, VRW^2, 0, 0, 0) epoch."""
-        std = [self.arw_deg_sqrt_h * DEG_PER_SQRT_H] * 3 + [self.vrw_ug_sqrt_hz * UG] * 3 + [0.0] * 9
-        return _frozen(np.diag(np.square(std)) * self.epoch_s)
+        std = {"phi": self.arw_deg_sqrt_h * DEG_PER_SQRT_H, "dv": self.vrw_ug_sqrt_hz * UG}
+        return _frozen(np.diag(np.square(ERRORS.values(std))) * self.epoch_s)
 
     @cached_property
     def R(self) -> Array:
         """Covariance of a fix, (6, 6): velocity in m/s, position in m."""
-        return _frozen(np.diag(np.square([*self.gps_vel_std_mps, *self.gps_pos_std_m])))
+        std = {"dv": self.gps_vel_std_mps, "dp": self.gps_pos_std_m}
+        return _frozen(np.diag(np.square(FIX.values(std))))
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields without the arrays, which would arrive writeable in a copy or in another process."""

@@ -19,11 +19,12 @@ from solvers import filters
 from solvers.filters import register
 from solvers.pipeline import coarse_only as coarse
 from solvers.pipeline.estimator import Pipeline
+from solvers.pipeline.settings import Settings
 from solvers.pipeline.two_pass import TwoPass
 
 __all__ = ["describe", "make", "names", "register", "settings"]
 
-_PIPELINE = tuple(inspect.signature(Pipeline).parameters)[1:]
+_PIPELINE = tuple(inspect.signature(Settings).parameters)
 #: Complete estimators, not made around a filter of choice.
 _COMPLETE: dict[str, type] = {
     "coarse_inertial": coarse.CoarseInertial,
@@ -45,8 +46,8 @@ def settings(name: str) -> list[inspect.Parameter]:
     if name in _COMPLETE:
         return list(inspect.signature(_COMPLETE[name]).parameters.values())
     own = inspect.signature(filters.FILTERS[name]).parameters.values()
-    pipeline = inspect.signature(Pipeline).parameters
-    return [p.replace(kind=p.KEYWORD_ONLY) for p in (*own, *(pipeline[key] for key in _PIPELINE))]
+    pipeline = inspect.signature(Settings).parameters.values()
+    return [p.replace(kind=p.KEYWORD_ONLY) for p in (*own, *pipeline)]
 
 
 def describe(name: str) -> str:
@@ -57,7 +58,7 @@ def describe(name: str) -> str:
 def make(name: str, **given: Any) -> Estimator:
     """The estimator ``name``: the pipeline around that filter, for tasks of alignment and of navigation.
 
-    The settings given are those of the pipeline (``model bias_frame feedback coordinates coarse``) and of the filter.
+    The settings given are those of the pipeline, :class:`solvers.pipeline.settings.Settings`, and of the filter.
 
     Raises:
         ValueError: an unknown name or setting, with the nearest valid one.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from sins_env.arrays import Array
 from sins_env.checks import unknown
 from sins_env.types import Observation, Rng, Task
+from solvers.filters.base import changed
 from solvers.pipeline import coarse
 from solvers.pipeline.coarse import Coarse
 from solvers.pipeline.integration import refuse_navigation
@@ -24,6 +25,10 @@ class CoarseAligner:
     def __init__(self, method: str) -> None:
         coarse.check_method(method)
         self.method = method
+        self._task: Task | None = None
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(changed(type(self), vars(self)))})"
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
         refuse_navigation(task, "a coarse alignment")
@@ -32,6 +37,8 @@ class CoarseAligner:
 
     def step(self, obs: Observation) -> Array:
         """q_nb (..., 4) at the end of the epoch."""
+        if self._task is None:
+            raise RuntimeError(f"{self!r} has no task yet; call reset(task, rng) first")
         if self._coarse is None:
             self._coarse = coarse.start(self.method, self._task, obs["dtheta"].shape[:-2])
         self._coarse.add(obs)
@@ -59,6 +66,7 @@ class CoarseOba(CoarseAligner):
 
     def __init__(self, aided: bool = True) -> None:
         super().__init__("oba" if aided else "oba_unaided")
+        self.aided = aided
 
 
 class CoarseAnalytic1(CoarseAligner):

@@ -1,105 +1,102 @@
-"""An INS held by fixes: strapdown, an error model and any filter of the zoo, after coarse alignment where the start is unknown.
+"""An INS held by an aid: strapdown, an error model and any filter of the zoo, after coarse alignment where the start is unknown.
 
-What alignment and navigation share; :mod:`solvers.pipeline.estimator` and :mod:`solvers.pipeline.estimator` say which errors
-there are, what becomes of the position, and what is the answer.
+This is what alignment and navigation share; :mod:`solvers.pipeline.estimator` says which errors there are, which aid, and
+what is the answer.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sins_env import attitude, earth
+from sins_env import earth
 from sins_env.arrays import Array
-from sins_env.checks import unknown
+from sins_env.states import ERRORS, answered
 from sins_env.types import NavState, Observation, Rng, Task
+from solvers.filters.base import changed
 from solvers.pipeline import coarse as coarse_methods
 from solvers.pipeline import feedback as reset
-from solvers.pipeline.aiding.gps import noise_law
-from solvers.pipeline.errors.invariant import COORDINATES, Euler, Invariant
+from solvers.pipeline.aiding.aid import Aid
+from solvers.pipeline.errors.invariant import Euler, Invariant
 from solvers.pipeline.errors.model import ErrorModel
-from solvers.pipeline.strapdown import Strapdown, StrapdownState, cross, end_rate
-from solvers.types import MISSING, Filter, Health, Measurement
-
-FEEDBACK = ("open", "closed")
+from solvers.pipeline.settings import Settings
+from solvers.pipeline.strapdown import Strapdown, StrapdownState
+from solvers.types import Filter, Health
 
 
 class Integration(ABC):
-    """The estimator around a filter. A told start goes straight to the fine phase; an unknown one begins with the coarse.
-
-    ``feedback``: "open" corrects the output alone, "closed" the INS after each fix; None: closed for a filter that says so.
-    ``coordinates``: of the errors that the filter estimates, "euler" or "invariant"
-    (:mod:`solvers.pipeline.errors.invariant`); None: as the filter says, else "euler". ``coarse`` is the method of the
-    coarse phase (:mod:`solvers.pipeline.coarse`); None: the one of this estimator.
-
-    Raises:
-        ValueError: an unknown setting.
-    """
+    """The estimator around a filter. A told start goes straight to the fine phase; an unknown one begins with the coarse."""
 
     navigates: ClassVar[bool]  #: whether the answer, and the INS, has a position
-    feedback_default: ClassVar[str]
-    coarse_default: ClassVar[str]
+    default: ClassVar[Settings]  #: in place of what neither the settings nor the filter say
+    aid: ClassVar[type[Aid]]  #: the sensor that holds the INS
 
-    def __init__(
-        self, filter: Filter[Any], errors: ErrorModel, feedback: str | None, coordinates: str | None, coarse: str | None
-    ) -> None:
-        if feedback is None:
-            feedback = getattr(filter, "feedback", self.feedback_default)
-        if feedback not in FEEDBACK:
-            raise unknown("feedback", feedback, FEEDBACK)
-        coarse = self.coarse_default if coarse is None else coarse
-        coarse_methods.check_method(coarse)
-        self.filter, self.errors = filter, errors
-        self.feedback, self.coordinates, self.coarse = feedback, coordinates_of(filter, coordinates), coarse
+    def __init__(self, filter: Filter[Any], errors: ErrorModel, settings: Settings) -> None:
+        self.filter, self.errors, self.settings = filter, errors, settings
         self.batched: bool = getattr(filter, "batched", True)
+        self._task: Task | None = None
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join([repr(self.filter), *changed(Settings, vars(self.settings))])})"
+
+    @property
+    def task(self) -> Task:
+        """The task of the last ``reset``.
+
+        Raises:
+            RuntimeError: there has been none.
+        """
+        if self._task is None:
+            raise RuntimeError(f"{self!r} has no task yet; call reset(task, rng) first")
+        return self._task
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
-        self.task, self._rng = task, rng
-        self._k = 0
+        self._task, self._rng, self._k = task, rng, 0
+        single = num_runs == 1 and (rng is None or isinstance(rng, np.random.Generator))
+        self._batch: tuple[int, ...] = () if single else (num_runs,)  # until the first observation says
         self._earth, pos = earth.get(task.site.earth), task.site.pos
         self._strapdown = Strapdown(self._earth, task.epoch_s, task.n_sub, pos, hold_position=not self.navigates)
-        self._rate_ie = earth.rate_n(self._earth, task.site.latitude)
-        fixed = slice(0, self.errors.seen.stop - self.errors.seen.start)
-        self._Q, self._R = self.errors.noise(task.prior), task.prior.R[fixed, fixed]
-        self._law = noise_law(task.gps)
-        self._lever = np.asarray(task.gps.lever_arm_m) if any(task.gps.lever_arm_m) else None
+        self._errors = replace(self.errors, parameters=self.aid.parameters(task))
+        states = self._errors.states
+        self._phi, self._fed = states["phi"], states.span(*self._errors.fed)
+        self._Q, self._aid = self._errors.noise(task.prior), self.aid(task, states)
         self._coarse: coarse_methods.Coarse | None = None
-        self._place: Array = np.full(3, np.nan)  # of the antenna, by the last fix of the coarse phase
         self._ins: StrapdownState | None = None
         self._bias: tuple[Array, Array] | None = None  # of gyro and accelerometer increments, fed back so far
         self._belief: Any = None
-        self._coordinates = (
-            Invariant(self._earth, pos, position=self.navigates) if self.coordinates == "invariant" else Euler()
-        )
+        invariant = self.settings.coordinates == "invariant"
+        self._coordinates = Invariant(self._earth, pos, states) if invariant else Euler()
 
     def step(self, obs: Observation) -> Array:
         """The estimate at the end of the epoch."""
+        task = self.task
         self._k += 1
         if self._k == 1:
             self._begin(obs["dtheta"].shape[:-2])
-        if self._coarse is not None:
-            self._coarse.add(obs)
-            self._place = np.where(obs["gps_valid"] == 1, obs["gps_pos"], self._place)
-            nav = self._first(obs, self._coarse.attitude())
-            if self._k * self.task.epoch_s >= self.task.coarse_s - 1e-9 * self.task.epoch_s:
-                self._start_fine(nav)
-            return self.answer(nav)
-        return self.answer(self._fine(obs))
+        if self._coarse is None:
+            return self.answer(self._fine(obs))
+        self._coarse.add(obs)
+        nav = self._aid.start(obs, self._coarse.attitude())
+        if self._k * task.epoch_s >= task.coarse_s - 1e-9 * task.epoch_s:
+            self._start_fine(nav)
+        return self.answer(nav)
 
     def covariance(self) -> Array:
-        """Covariance of the corrected errors: phi_ENU rad and, in navigation, velocity m/s and position m; the told one in
-        the coarse phase."""
-        size = 9 if self.navigates else 3
+        """Covariance of the corrected errors: phi_ENU rad and, in navigation, velocity m/s and position m.
+
+        Before the fine phase it is the told one.
+        """
+        told, reported = self.task.prior.P0, answered(self.navigates)
         if self._belief is None:
-            return np.broadcast_to(self.task.prior.P0[:size, :size], (*self._batch, size, size)).copy()
+            places = ERRORS.places(reported)
+            return np.broadcast_to(told[np.ix_(places, places)], (*self._batch, reported.size, reported.size)).copy()
         assert self._ins is not None
         x, P = self._coordinates.gaussian(self.filter.estimate(self._belief), self._ins.nav)
-        first = self.errors.phi.start
-        reported = slice(first, first + size)
-        return reset.corrected_covariance(x[..., self.errors.phi], P[..., reported, reported])
+        here = self._errors.states.span(*reported.names)
+        return reset.corrected_covariance(x[..., self._phi], P[..., here, here])
 
     def health(self) -> Health | None:
         """Repairs and failures of each run so far; None in the coarse phase."""
@@ -113,50 +110,34 @@ class Integration(ABC):
     def answer(self, nav: NavState) -> Array:
         """The action for a corrected state."""
 
-    def aid(self, obs: Observation, valid: NDArray[np.bool_], arm: Array | None) -> None:
-        """What else a fix does to the INS: nothing."""
-        return None
-
     def _begin(self, batch: tuple[int, ...]) -> None:
-        self._batch = batch
-        if self.task.start is None:
-            self._coarse = coarse_methods.start(self.coarse, self.task, batch)
+        self._batch, start = batch, self.task.start
+        if start is None:
+            assert self.settings.coarse is not None
+            self._coarse = coarse_methods.start(self.settings.coarse, self.task, batch)
         else:
-            self._start_fine(NavState(*(np.reshape(part, (*batch, part.shape[-1])) for part in self.task.start)))
+            self._start_fine(NavState(*(np.reshape(part, (*batch, part.shape[-1])) for part in start)))
 
     def _start_fine(self, nav: NavState) -> None:
         self._coarse = None
         self._ins = self._strapdown.start(nav)
-        prior = self._coordinates.prior(self.errors.prior(self.task.prior, self._batch), nav)
+        prior = self._coordinates.prior(self._errors.prior(self.task.prior, self._batch), nav)
         self._belief = self.filter.init(prior, self._rng)
-
-    def _first(self, obs: Observation, q_nb: Array) -> NavState:
-        """The INS's state at the end of the coarse phase: velocity of the fix, or zero; place of the last fix, or the site."""
-        vel, pos = obs["gps_vel"], self._place
-        if self._lever is not None:
-            about, offset = np.moveaxis(self._arm(obs, q_nb), -2, 0)
-            vel, pos = vel - about, earth.displace(self._earth, pos, -offset)
-        site = np.broadcast_to(self.task.site.pos, (*self._batch, 3))
-        pos = np.where(np.isnan(pos), site, pos) if self.navigates else site
-        return NavState(q_nb, vel * obs["gps_valid"], pos)
 
     def _fine(self, obs: Observation) -> NavState:
         assert self._ins is not None
         before = self._ins.nav
         self._ins, motion = self._strapdown.advance(self._ins, *self._increments(obs))
-        transition = self.errors.transition(motion, self._Q)
-        valid = obs["gps_valid"][..., 0] == 1
-        measurement = None
-        if valid.any():
-            arm = None if self._lever is None else self._arm(obs, self._ins.nav.q_nb)
-            self.aid(obs, valid, arm)
-            measurement = self._measurement(obs, valid, arm)
-        ins = self._ins.nav
-        transition = self._coordinates.transition(transition, before, ins)
+        ins = self._aid.hold(obs, self._ins.nav)
+        self._ins = self._ins._replace(nav=ins)
+        transition = self._coordinates.transition(self._errors.transition(motion, self._Q), before, ins)
+        measurement = self._aid.measure(obs, ins)
+        if measurement is not None:
+            measurement = self._coordinates.measurement(measurement, ins)
         self._belief, _ = self.filter.step(self._belief, transition, measurement)
         x = self._coordinates.errors(self.filter.estimate(self._belief).mean, ins)
-        nav = self.errors.corrected(self._earth, ins, x)
-        if self.feedback == "closed" and measurement is not None:
+        nav = self._errors.corrected(self._earth, ins, x)
+        if self.settings.feedback == "closed" and measurement is not None:
             self._feed_back(nav, x)
         return nav
 
@@ -167,56 +148,16 @@ class Integration(ABC):
         gyro, accel = self._bias
         return obs["dtheta"] - gyro[..., None, :], obs["dvel"] - accel[..., None, :]
 
-    def _measurement(self, obs: Observation, valid: NDArray[np.bool_], arm: Array | None) -> Measurement:
-        residual = self._residual(obs, arm)
-        R = self._R
-        if not valid.all():
-            residual = np.where(valid[..., None], residual, 0.0)
-            R = R + np.where(valid, 0.0, MISSING)[..., None, None] * np.eye(len(R))
-        assert self._ins is not None
-        return self._coordinates.measurement(self.errors.measurement(residual, R, arm, self._law), self._ins.nav)
-
-    def _residual(self, obs: Observation, arm: Array | None) -> Array:
-        """INS minus fix, as many components as the error model takes: velocity m/s, position m."""
-        assert self._ins is not None
-        nav, m = self._ins.nav, len(self._R)
-        residual = nav.vel - obs["gps_vel"]
-        if m > 3:
-            away = earth.offset(self._earth, nav.pos, obs["gps_pos"])
-            residual = np.concatenate([residual, -away], axis=-1)
-        if arm is not None:
-            residual = residual + arm.reshape(*arm.shape[:-2], 6)[..., : residual.shape[-1]]
-        return residual[..., :m]
-
-    def _arm(self, obs: Observation, q_nb: Array) -> Array:
-        """Velocity C_hat (omega_eb x lever arm) and place C_hat lever arm of the antenna about the IMU, (..., 2, 3)."""
-        C = attitude.to_dcm(q_nb)
-        arm = C @ np.asarray(self._lever)
-        rate = np.matmul(C, end_rate(obs["dtheta"], self.task.epoch_s)[..., None])[..., 0] - self._rate_ie
-        return np.stack([cross(rate, arm), arm], axis=-2)
-
     def _feed_back(self, nav: NavState, x: Array) -> None:
         assert self._ins is not None
         before, self._ins = self._ins.nav, self._ins._replace(nav=nav)
-        biases = self.errors.biases(x)
+        biases = self._errors.biases(x)
         if biases is not None:
             per_sample = self.task.epoch_s / self.task.n_sub
             so_far = self._bias or (0.0, 0.0)
             self._bias = so_far[0] + per_sample * biases[0], so_far[1] + per_sample * biases[1]
-        maps = reset.reset_maps(x, self.errors.phi, self.errors.fed)
+        maps = reset.reset_maps(x, self._phi, self._fed)
         self._belief = self.filter.relocate(self._belief, *self._coordinates.reset(maps, before, nav))
-
-
-def coordinates_of(filter: Filter[Any], given: str | None) -> str:
-    """The setting; None: what the filter asks for.
-
-    Raises:
-        ValueError: an unknown one.
-    """
-    coordinates: str = getattr(filter, "coordinates", "euler") if given is None else given
-    if coordinates not in COORDINATES:
-        raise unknown("coordinates", coordinates, COORDINATES)
-    return coordinates
 
 
 def refuse_navigation(task: Task, what: str) -> None:

@@ -20,9 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sins_env.arrays import Array
+from solvers.filters.base import changed
 from solvers.filters.kalman.kf import KF
 from solvers.filters.sigma.ckf import CKF
-from solvers.pipeline.errors.alignment import PHI
+from solvers.pipeline.errors.alignment import DV, PHI
 from solvers.pipeline.estimator import Aligner
 from solvers.types import Filter, Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
 
@@ -133,7 +134,7 @@ def _start(past: tuple[Epoch, ...], end: Array) -> Array:
     Velocity enters the error model by omega_en alone, so its trajectory need not be near the true one.
     """
     start = end.copy()
-    start[..., : PHI.start] = 0.0
+    start[..., DV] = 0.0
     for _ in range(SHOTS):
         x = start
         for tr, _ in past:
@@ -155,3 +156,7 @@ class TwoPass(Aligner):
         super().__init__(
             TwoPassFilter(relinearise_s), model=model, bias_frame=bias_frame, feedback="open", coarse=coarse
         )
+
+    def __repr__(self) -> str:
+        values = {**vars(self.filter), **vars(self.settings)}
+        return f"TwoPass({', '.join(changed(TwoPass, values))})"

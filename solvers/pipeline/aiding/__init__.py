@@ -1,1 +1,4 @@
-"""Measurements that aid the inertial solution: how a fix becomes an innovation of the error state."""
+"""Aids: what holds the inertial solution, one file a sensor; a reading becomes a measurement of the error state.
+
+``aid`` says what the pipeline asks of an aid; ``gps`` are the fixes.
+"""

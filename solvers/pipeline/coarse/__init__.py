@@ -17,7 +17,7 @@ from functools import partial
 from typing import Protocol
 
 from sins_env.arrays import Array
-from sins_env.checks import unknown
+from sins_env.checks import choice
 from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.aided import Windows
 from solvers.pipeline.coarse.analytic import Analytic
@@ -47,8 +47,7 @@ METHODS: dict[str, Callable[[Task, tuple[int, ...]], Coarse]] = {
 
 def check_method(method: str) -> None:
     """Raises ValueError for an unknown method, with the nearest that exists."""
-    if method not in METHODS:
-        raise unknown("coarse method", method, METHODS)
+    choice("coarse method", method, METHODS)
 
 
 def start(method: str, task: Task, batch: tuple[int, ...]) -> Coarse:

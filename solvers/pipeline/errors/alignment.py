@@ -22,17 +22,33 @@ import numpy as np
 
 from sins_env import attitude
 from sins_env.arrays import Array
-from sins_env.checks import unknown
 from sins_env.earth import Earth
+from sins_env.states import Block, Layout
 from sins_env.types import NavState
 from solvers.pipeline import feedback
-from solvers.pipeline.errors.model import EpochMap, ErrorModel, front, total, turn_euler
+from solvers.pipeline.errors.model import (
+    ACCEL_UNIT,
+    GYRO_UNIT,
+    EpochMap,
+    ErrorModel,
+    front,
+    total,
+    turn_euler,
+)
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Transition
 
-MODELS = ("exact", "thesis")
-BIAS_FRAMES = ("body", "nav")
-PHI = slice(2, 5)
+#: The velocity error E and N, the biases of the accelerometers R and F, that of the gyros R, F and U.
+STATES = Layout(
+    (
+        Block("dv", 2, "m/s"),
+        Block("phi", 3, "rad"),
+        Block("accel_bias", 2, "mg", ACCEL_UNIT),
+        Block("gyro_bias", 3, "deg/h", GYRO_UNIT),
+    )
+)
+DV, PHI, NABLA, EPS = (STATES[name] for name in ("dv", "phi", "accel_bias", "gyro_bias"))
+CONSTANT = slice(PHI.stop, None)  #: what an epoch leaves as it is: biases, and parameters of aids
 
 
 def first_order_rows(phi: Array) -> Array:
@@ -47,7 +63,7 @@ def first_order_rows(phi: Array) -> Array:
 
 
 class AlignmentMap(EpochMap):
-    """x -> x after the epoch, of ten states."""
+    """x -> x after the epoch, of ten states and the parameters of aids."""
 
     def __init__(self, motion: EpochMotion, exact: bool, body_biases: bool) -> None:
         super().__init__(motion, motion.C if body_biases else np.eye(3))
@@ -61,7 +77,7 @@ class AlignmentMap(EpochMap):
         self._coriolis = K
 
     def advance(self, X: Array) -> Array:
-        dV, phi, nabla, eps = X[:2], X[PHI], X[5:7], X[7:]
+        dV, phi, nabla, eps = X[DV], X[PHI], X[NABLA], X[EPS]
         if self._exact:
             C, s, c = attitude.misalignment_rows(phi)
         else:
@@ -73,16 +89,16 @@ class AlignmentMap(EpochMap):
         r = self.rotation(C, self.turn - total(self.transport * v, axis=1), eps)
         gain -= self.turned_force(rows, r)
         out = np.empty(X.shape)
-        np.add(dV, gain, out=out[:2])
-        out[:2] += total(self._coriolis * v, axis=1)
+        np.add(dV, gain, out=out[DV])
+        out[DV] += total(self._coriolis * v, axis=1)
         sway = self.transport[2, 0] * v[0]
-        out[0] -= sway * v[1]
-        out[1] += sway * v[0]
+        out[DV][0] -= sway * v[1]
+        out[DV][1] += sway * v[0]
         if self._exact:
             turn_euler(phi, r, s, c, out=out[PHI])
         else:
             np.add(phi, r, out=out[PHI])
-        out[5:] = X[5:]
+        out[CONSTANT] = X[CONSTANT]
         return out
 
 
@@ -90,27 +106,20 @@ class AlignmentMap(EpochMap):
 class AlignmentErrors(ErrorModel):
     """The model as settings; epochs are turned into transitions for a filter.
 
-    Raises:
-        ValueError: an unknown ``model`` or ``bias_frame``.
+    ``exact``: for misalignments of any size, else to first order in the tilt. ``body_biases``: biases constant in body axes,
+    else in n.
     """
 
-    model: str = "exact"
-    bias_frame: str = "body"
+    exact: bool = True
+    body_biases: bool = True
 
-    phi = PHI
-    seen = fed = slice(0, 2)
-    of_prior = np.array([3, 4, 0, 1, 2, 12, 13, 9, 10, 11])
-
-    def __post_init__(self) -> None:
-        if self.model not in MODELS:
-            raise unknown("model", self.model, MODELS)
-        if self.bias_frame not in BIAS_FRAMES:
-            raise unknown("bias_frame", self.bias_frame, BIAS_FRAMES)
+    core = STATES
+    fed = ("dv",)
 
     def transition(self, motion: EpochMotion, Q: Array) -> Transition:
-        return Transition(AlignmentMap(motion, self.model == "exact", self.bias_frame == "body"), Q, None, motion.dt)
+        return Transition(AlignmentMap(motion, self.exact, self.body_biases), Q, None, motion.dt)
 
     def corrected(self, model: Earth, nav: NavState, x: Array) -> NavState:
         vel = nav.vel.copy()
-        vel[..., :2] -= x[..., :2]
+        vel[..., :2] -= x[..., DV]
         return nav._replace(q_nb=feedback.corrected(nav.q_nb, x[..., PHI]), vel=vel)

@@ -20,6 +20,7 @@ import numpy as np
 from sins_env import attitude, earth
 from sins_env.arrays import Array
 from sins_env.earth import Earth
+from sins_env.states import Layout
 from sins_env.types import NavState
 from solvers.blocks.mixtures import spread, widen
 from solvers.blocks.moments import tangent
@@ -57,23 +58,23 @@ class Euler:
 
 
 class Invariant(Euler):
-    """Right-invariant errors of the model ``NavigationErrors``."""
+    """Right-invariant errors of the model ``NavigationErrors``, whose states are told."""
 
-    def __init__(self, model: Earth, site_pos: Array, position: bool) -> None:
-        self._model, self._site, self._position = model, np.asarray(site_pos), position
+    def __init__(self, model: Earth, site_pos: Array, states: Layout) -> None:
+        self._model, self._site, self._states = model, np.asarray(site_pos), states
 
     def at(self, nav: NavState) -> Chart:
-        if not self._position:
-            return Chart(nav.vel[..., None, :])
-        return Chart(np.stack([nav.vel, earth.offset(self._model, self._site, nav.pos)], axis=-2))
+        if "dp" not in self._states:
+            return Chart(nav.vel[..., None, :], self._states)
+        return Chart(np.stack([nav.vel, earth.offset(self._model, self._site, nav.pos)], axis=-2), self._states)
 
     def prior(self, x: Gaussian, nav: NavState) -> Gaussian:
-        D = self.at(nav).slope(x.mean.shape[-1])
+        D = self.at(nav).slope()
         return Gaussian(x.mean, D @ x.cov @ D.mT)
 
     def transition(self, tr: Transition, before: NavState, after: NavState) -> Transition:
         a, b = self.at(before), self.at(after)
-        D = b.slope(tr.Q.shape[-1])
+        D = b.slope()
         return tr._replace(f=Through(a, tr.f, b), Q=D @ tr.Q @ D.mT)
 
     def measurement(self, me: Measurement, nav: NavState) -> Measurement:
@@ -125,10 +126,14 @@ class Through:
 
 
 class Chart:
-    """xi <-> x at an INS's state: ``held`` (..., k, 3), its velocity and, with k = 2, its place in metres from the site."""
+    """xi <-> x at an INS's state: ``held`` (..., k, 3), its velocity and, with k = 2, its place in metres from the site.
 
-    def __init__(self, held: Array) -> None:
-        self._held, self._ndim = held, held.ndim - 1
+    The misalignment and the errors of what is held, which stand first, change; the other states stay as they are.
+    """
+
+    def __init__(self, held: Array, states: Layout) -> None:
+        self._held, self._ndim, self._size = held, held.ndim - 1, states.size
+        self._phi, *self._rows = (states[name] for name in ("phi", "dv", "dp")[: 1 + held.shape[-2]])
 
     def spread(self, g: Function) -> Function:
         """``g`` for the points around the components of a mixture, too."""
@@ -144,19 +149,31 @@ class Chart:
 
     def errors_slope(self, xi: Array) -> Array:
         """d x / d xi (..., n, n); closed form at zero, where a closed loop keeps its filter."""
-        n = xi.shape[-1]
-        return _slope(self.errors, xi, 2.0 * np.eye(n) - self.slope(n))  # (I + N)^-1 = I - N
+        return self._slope(self.errors, xi, 2.0 * np.eye(self._size) - self.slope())  # (I + N)^-1 = I - N
 
     def invariant_slope(self, x: Array) -> Array:
         """d xi / d x (..., n, n)."""
-        return _slope(self.invariant, x, self.slope(x.shape[-1]))
+        return self._slope(self.invariant, x, self.slope())
 
-    def slope(self, n: int) -> Array:
+    def slope(self) -> Array:
         """d xi / d x at zero (..., n, n)."""
+        n = self._size
         D = np.broadcast_to(np.eye(n), (*self._held.shape[:-2], n, n)).copy()
-        for i in range(self._held.shape[-2]):
-            D[..., 3 + 3 * i : 6 + 3 * i, :3] = -attitude.skew(self._held[..., i, :])
+        for i, rows in enumerate(self._rows):
+            D[..., rows, self._phi] = -attitude.skew(self._held[..., i, :])
         return D
+
+    def _slope(self, g: Function, x: Array, at_zero: Array) -> Array:
+        """The Jacobian (..., n, n) of g at x: ``at_zero`` in the runs where x is nothing."""
+        away = np.abs(x).max(axis=-1) > NOTHING
+        if x.ndim == at_zero.ndim:  # components of a mixture
+            at_zero = widen(at_zero)
+        if not away.any():
+            return at_zero
+        J = np.broadcast_to(np.eye(x.shape[-1]), (*x.shape, x.shape[-1])).copy()
+        changes = slice(self._rows[-1].stop)
+        J[..., changes, changes] = tangent(g, x[..., changes], np.full_like(x[..., changes], SCALE))[1]
+        return np.where(away[..., None, None], J, at_zero)
 
     def _planes(self, x: Array, g: Callable[[Array, Array], Array]) -> Array:
         if x.ndim == self._ndim:
@@ -168,44 +185,31 @@ class Chart:
         return np.ascontiguousarray(g(x.transpose(n, *range(n)), held).transpose(*range(1, n + 1), 0))
 
     def _errors(self, X: Array, held: Array) -> Array:
-        theta = X[:3]
+        theta = X[self._phi]
         a1, a2, a3, _ = coefficients(theta)
         out = X.copy()
         x, y, z = theta
-        out[0] = np.arcsin(np.clip(a1 * x + a2 * y * z, -1.0, 1.0))
-        out[1] = np.arctan2(a1 * y - a2 * x * z, 1.0 - a2 * (x * x + y * y))
-        out[2] = np.arctan2(a1 * z - a2 * x * y, 1.0 - a2 * (x * x + z * z))
-        for i, value in enumerate(held):
-            rows = slice(3 + 3 * i, 6 + 3 * i)
+        phi = out[self._phi]
+        phi[0] = np.arcsin(np.clip(a1 * x + a2 * y * z, -1.0, 1.0))
+        phi[1] = np.arctan2(a1 * y - a2 * x * z, 1.0 - a2 * (x * x + y * y))
+        phi[2] = np.arctan2(a1 * z - a2 * x * y, 1.0 - a2 * (x * x + z * z))
+        for rows, value in zip(self._rows, held, strict=True):
             eta = turned(theta, X[rows], -a2, a3)
             out[rows] = value - turned(theta, value - eta, a1, a2)  # C' = Exp(theta x)
         return out
 
     def _invariant(self, X: Array, held: Array) -> Array:
-        q = np.moveaxis(attitude.correction_quaternion(np.moveaxis(X[:3], 0, -1)), -1, 0)  # of C'
+        q = np.moveaxis(attitude.correction_quaternion(np.moveaxis(X[self._phi], 0, -1)), -1, 0)  # of C'
         q = np.where(q[0] < 0.0, -q, q)
         sine = np.sqrt(np.add.reduce(q[1:] * q[1:], axis=0))
         out = X.copy()
-        theta = out[:3]
+        theta = out[self._phi]
         theta[:] = q[1:] * np.where(sine > 1e-8, 2.0 * np.arctan2(sine, q[0]) / np.maximum(sine, 1e-8), 2.0)
         a1, a2, _, c = coefficients(theta)
-        for i, value in enumerate(held):
-            rows = slice(3 + 3 * i, 6 + 3 * i)
+        for rows, value in zip(self._rows, held, strict=True):
             eta = value - turned(theta, value - X[rows], -a1, a2)
             out[rows] = turned(theta, eta, 0.5, c)
         return out
-
-
-def _slope(g: Function, x: Array, at_zero: Array) -> Array:
-    """The Jacobian (..., n, n) of g at x: ``at_zero`` in the runs where x is nothing. Biases, the last six, stay as they are."""
-    away = np.abs(x).max(axis=-1) > NOTHING
-    if x.ndim == at_zero.ndim:  # components of a mixture
-        at_zero = widen(at_zero)
-    if not away.any():
-        return at_zero
-    J = np.broadcast_to(np.eye(x.shape[-1]), (*x.shape, x.shape[-1])).copy()
-    J[..., :-6, :-6] = tangent(g, x[..., :-6], np.full_like(x[..., :-6], SCALE))[1]
-    return np.where(away[..., None, None], J, at_zero)
 
 
 def turned(theta: Array, y: Array, a: Array | float, b: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What the error models share: their place in the prior, the fix, and an epoch as a map of errors.
+"""What the error models share: named states and their place in the prior, and an epoch as a map of errors.
 
 The map works on the INS's own integrals of specific force and attitude. C is evaluated once: its change within the epoch
 enters the velocity as C_mid' u = C' (u + r x u / 2), r being the rotation of c against n. That is second order in the epoch;
@@ -8,27 +8,26 @@ tests compare it with the difference of two strapdown runs and with an adaptive 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy import linalg
 
 from sins_env import attitude
 from sins_env.arrays import Array
 from sins_env.earth import Earth
 from sins_env.prior import Prior
+from sins_env.states import ERRORS, Block, Layout
 from sins_env.types import NavState
 from sins_env.units import DEG_PER_H, G0
-from solvers.pipeline.aiding.gps import arm_error
 from solvers.pipeline.strapdown import EpochMotion
-from solvers.types import Gaussian, Linear, Measurement, NoiseLaw, Transition
+from solvers.types import Gaussian, Transition
 
 ACCEL_UNIT = 1e-3 * G0  #: m/s^2 in one unit of nabla
 GYRO_UNIT = DEG_PER_H  #: rad/s in one unit of eps
-
-#: of the fifteen errors of :class:`sins_env.prior.Prior`, in SI
-UNITS = np.array([1.0] * 9 + [GYRO_UNIT] * 3 + [ACCEL_UNIT] * 3)
 
 total = np.add.reduce
 
@@ -91,13 +90,29 @@ class EpochMap(ABC):
         return change
 
 
-class ErrorModel(ABC):
-    """What the pipeline needs of an error model: where its states stand, and epochs and fixes as a filter takes them."""
+@dataclass(frozen=True)
+class Parameter(Block):
+    """States that an aid adds to the errors of the INS: constants, told with the spread of their start."""
 
-    phi: ClassVar[slice]  #: the misalignment
-    seen: slice  #: what a fix shows: velocity, then position
-    fed: slice  #: what feedback takes out of the INS by subtraction
-    of_prior: NDArray[np.int64]  #: (n,) where the states stand among the fifteen errors of the prior
+    std: float = field(kw_only=True)  #: SI
+
+
+@dataclass(frozen=True)
+class ErrorModel(ABC):
+    """What the pipeline needs of an error model: its states by name, and epochs as a filter takes them.
+
+    ``parameters`` stand behind the states of the model and stay as they are within an epoch.
+    """
+
+    core: ClassVar[Layout]  #: the model's own states
+    fed: ClassVar[tuple[str, ...]]  #: neighbouring blocks that feedback takes out of the INS by subtraction
+
+    parameters: tuple[Parameter, ...] = field(default=(), kw_only=True)
+
+    @cached_property
+    def states(self) -> Layout:
+        """The model's states, and behind them the parameters of aids."""
+        return self.core.plus(*self.parameters)
 
     @abstractmethod
     def transition(self, motion: EpochMotion, Q: Array) -> Transition: ...
@@ -112,34 +127,17 @@ class ErrorModel(ABC):
 
     def prior(self, prior: Prior, batch: tuple[int, ...]) -> Gaussian:
         """N(0, P0) for every run: (*batch, n), (*batch, n, n)."""
-        P0 = self._select(prior.P0)
+        P0 = self._told(prior.P0, [p.std for p in self.parameters])
         return Gaussian(np.zeros((*batch, len(P0))), np.broadcast_to(P0, (*batch, *P0.shape)).copy())
 
     def noise(self, prior: Prior) -> Array:
         """Q (n, n) of one epoch."""
-        return self._select(prior.Q)
+        return self._told(prior.Q)
 
-    def measurement(
-        self, residual: Array, R: Array, arm: Array | None = None, law: NoiseLaw | None = None
-    ) -> Measurement:
-        """INS minus fix (..., m), velocity m/s and position m: [I 0] x, plus the lever arm's part turned by phi. (2.3.20).
-
-        ``arm`` (..., k, 3): C_hat (omega_eb x lever arm) and, with a position, C_hat lever arm, both already added to the
-        INS's values in ``residual``.
-        """
-        if arm is None:
-            return Measurement(residual, Linear(self._H), R, law)
-        m = residual.shape[-1]
-
-        def h(x: Array) -> Array:
-            return x[..., self.seen] + arm_error(x[..., self.phi], arm)[..., :m]
-
-        return Measurement(residual, h, R, law)
-
-    @cached_property
-    def _H(self) -> Array:
-        return np.eye(len(self.of_prior))[self.seen]
-
-    def _select(self, full: Array) -> Array:
-        units = UNITS[self.of_prior]
-        return full[np.ix_(self.of_prior, self.of_prior)] / np.outer(units, units)
+    def _told(self, full: Array, std: Sequence[float] | None = None) -> Array:
+        """A covariance of ERRORS as one of the model's states, with ``std`` (SI) or nothing for the parameters."""
+        places, units = ERRORS.places(self.core), self.core.si
+        own = full[np.ix_(places, places)] / np.outer(units, units)
+        std = [0.0] * len(self.parameters) if std is None else std
+        more = [np.eye(p.size) * (one / p.si) ** 2 for p, one in zip(self.parameters, std, strict=True)]
+        return np.asarray(linalg.block_diag(own, *more))

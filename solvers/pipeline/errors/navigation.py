@@ -4,7 +4,7 @@ docs/mathematics/error_models.md#navigation-model.
     x = [phi_E, phi_N, phi_U,  dv_E, dv_N, dv_U,  dp_E, dp_N, dp_U,  eps_x, eps_y, eps_z,  nabla_x, nabla_y, nabla_z]
          rad                   m/s                m                  deg/h                 mg (1e-3 g)
 
-in the order of :class:`sins_env.prior.Prior`. With every hatted quantity from the INS and C = C_n^c(phi),
+in the order of :data:`sins_env.states.ERRORS`. With every hatted quantity from the INS and C = C_n^c(phi),
 
     phi' = C_w^-1 [(I - C) omega_in + C d_omega_in - C_hat eps]
     dv'  = (I - C') f + C' C_hat nabla - (2 omega_ie + omega_en) x dv - (2 d_omega_ie + d_omega_en) x (v - dv) + d_g
@@ -19,33 +19,41 @@ leaves dp out, for a base that does not travel: 12 states.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array
 from sins_env.earth import Earth
 from sins_env.prior import Prior
+from sins_env.states import ERRORS, Block, Layout
 from sins_env.types import NavState
 from solvers.pipeline import feedback
 from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT, EpochMap, ErrorModel, front, total, turn_euler
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Transition
 
-PHI, VEL, POS = slice(0, 3), slice(3, 6), slice(6, 9)
+STATES = Layout(
+    (
+        *ERRORS.only("phi", "dv", "dp").blocks,
+        Block("gyro_bias", 3, "deg/h", GYRO_UNIT),
+        Block("accel_bias", 3, "mg", ACCEL_UNIT),
+    )
+)
+WITHOUT_POSITION = STATES.without("dp")
+PHI, DV, DP = (STATES[name] for name in ("phi", "dv", "dp"))
 
 
 class NavigationMap(EpochMap):
-    """x -> x after the epoch, of fifteen states, or of twelve without position."""
+    """x -> x after the epoch, of the states of a layout: fifteen, or twelve without position, and the parameters of aids."""
 
-    def __init__(self, motion: EpochMotion, position: bool) -> None:
+    def __init__(self, motion: EpochMotion, states: Layout) -> None:
         super().__init__(motion, motion.C)
-        self._h, self._position = motion.dt, position
+        self._h, self._position = motion.dt, "dp" in states
+        self._eps, self._nabla = states["gyro_bias"], states["accel_bias"]
         self._coriolis = front(motion.dt * (2 * motion.rate_ie + motion.rate_en))
         self._vel = front(motion.vel)
-        if position:
+        if self._position:
             self._place(motion)
 
     def _place(self, motion: EpochMotion) -> None:
@@ -60,7 +68,7 @@ class NavigationMap(EpochMap):
         self._scale = h * np.stack([vU * E - vN * N * tan, vU * N])  # of dp, as the INS moves
 
     def advance(self, X: Array) -> Array:
-        phi, dv, eps, nabla = X[PHI], X[VEL], X[-6:-3], X[-3:]
+        phi, dv, eps, nabla = X[PHI], X[DV], X[self._eps], X[self._nabla]
         C, s, c = attitude.misalignment_rows(phi)
         u = self.force - total(self.accel * nabla, axis=1)
         gain = self.force - total(C * u[:, None], axis=0)  # (I - C') f + C' C_hat nabla, C at the start
@@ -69,7 +77,7 @@ class NavigationMap(EpochMap):
         d_coriolis, true = d_in, self._vel - v
         out = np.empty(X.shape)
         if self._position:
-            p = X[POS] + 0.5 * self._h * dv
+            p = X[DP] + 0.5 * self._h * dv
             turn, shift = self._curved(true, p)
             d_ie = self._ie * p[1]
             d_in += turn
@@ -82,11 +90,12 @@ class NavigationMap(EpochMap):
         gain -= self.turned_force(C, r)
         gain -= attitude.cross_planes(self._coriolis, v)
         gain -= attitude.cross_planes(d_coriolis, true)
-        np.add(dv, gain, out=out[VEL])
+        np.add(dv, gain, out=out[DV])
         if self._position:
-            np.add(X[POS], self._h * (dv + 0.5 * gain), out=out[POS])
-            out[POS][:2] += shift
-        out[-6:] = X[-6:]
+            np.add(X[DP], self._h * (dv + 0.5 * gain), out=out[DP])
+            out[DP][:2] += shift
+        constant = slice(self._eps.start, None)  # biases, and parameters of aids
+        out[constant] = X[constant]
         return out
 
     def _curved(self, v: Array, p: Array) -> tuple[Array, Array]:
@@ -110,30 +119,27 @@ class NavigationErrors(ErrorModel):
 
     position: bool = True
 
-    phi = PHI
-    fed = slice(VEL.start, None)
+    @property
+    def core(self) -> Layout:  # type: ignore[override]
+        return STATES if self.position else WITHOUT_POSITION
 
     @property
-    def seen(self) -> slice:  # type: ignore[override]
-        return slice(VEL.start, POS.stop if self.position else VEL.stop)
-
-    @cached_property
-    def of_prior(self) -> NDArray[np.int64]:  # type: ignore[override]
-        return np.arange(15) if self.position else np.delete(np.arange(15), POS)
+    def fed(self) -> tuple[str, ...]:  # type: ignore[override]
+        return self.core.without("phi").names
 
     def noise(self, prior: Prior) -> Array:
         """Q (n, n) of one epoch; white acceleration of density q gives dv and dp q [T, T^2/2; T^2/2, T^3/3]."""
-        Q, T = prior.Q.copy(), prior.epoch_s
-        Q[VEL, POS] = Q[POS, VEL] = 0.5 * T * prior.Q[VEL, VEL]
-        Q[POS, POS] = T * T / 3 * prior.Q[VEL, VEL]
-        return self._select(Q)
+        Q, T, dv, dp = prior.Q.copy(), prior.epoch_s, ERRORS["dv"], ERRORS["dp"]
+        Q[dv, dp] = Q[dp, dv] = 0.5 * T * prior.Q[dv, dv]
+        Q[dp, dp] = T * T / 3 * prior.Q[dv, dv]
+        return self._told(Q)
 
     def transition(self, motion: EpochMotion, Q: Array) -> Transition:
-        return Transition(NavigationMap(motion, self.position), Q, None, motion.dt)
+        return Transition(NavigationMap(motion, self.states), Q, None, motion.dt)
 
     def corrected(self, model: Earth, nav: NavState, x: Array) -> NavState:
-        pos = earth.displace(model, nav.pos, -x[..., POS]) if self.position else nav.pos
-        return NavState(feedback.corrected(nav.q_nb, x[..., PHI]), nav.vel - x[..., VEL], pos)
+        pos = earth.displace(model, nav.pos, -x[..., DP]) if self.position else nav.pos
+        return NavState(feedback.corrected(nav.q_nb, x[..., PHI]), nav.vel - x[..., DV], pos)
 
     def biases(self, x: Array) -> tuple[Array, Array]:
-        return x[..., -6:-3] * GYRO_UNIT, x[..., -3:] * ACCEL_UNIT
+        return x[..., self.states["gyro_bias"]] * GYRO_UNIT, x[..., self.states["accel_bias"]] * ACCEL_UNIT

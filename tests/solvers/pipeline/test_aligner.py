@@ -196,9 +196,13 @@ def test_the_filter_is_told_how_the_fixes_err(gps, law):
 
 
 def test_the_filter_says_whether_the_loop_is_closed():
-    assert solvers.make("kf").aligner.feedback == solvers.make("filterpy_kf").aligner.feedback == "closed"
-    assert solvers.make("ckf").aligner.feedback == "open"
-    assert solvers.make("kf", feedback="open").aligner.feedback == "open"
+    assert (
+        solvers.make("kf").aligner.settings.feedback
+        == solvers.make("filterpy_kf").aligner.settings.feedback
+        == "closed"
+    )
+    assert solvers.make("ckf").aligner.settings.feedback == "open"
+    assert solvers.make("kf", feedback="open").aligner.settings.feedback == "open"
 
 
 def test_a_run_with_a_broken_sensor_fails_alone():

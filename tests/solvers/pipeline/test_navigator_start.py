@@ -74,10 +74,10 @@ def test_a_base_at_rest_needs_no_velocity(task):
 
 
 def test_the_default_of_the_coarse_phase():
-    assert (Navigator(KF()).coarse, Aligner(KF()).coarse) == ("svd", "aided")
+    assert (Navigator(KF()).settings.coarse, Aligner(KF()).settings.coarse) == ("svd", "aided")
     pipeline = make("ckf")
-    assert (pipeline.navigator.coarse, pipeline.aligner.coarse) == ("svd", "aided")
+    assert (pipeline.navigator.settings.coarse, pipeline.aligner.settings.coarse) == ("svd", "aided")
     pipeline = make("ckf", coarse="two_vector")
-    assert (pipeline.navigator.coarse, pipeline.aligner.coarse) == ("two_vector",) * 2
+    assert (pipeline.navigator.settings.coarse, pipeline.aligner.settings.coarse) == ("two_vector",) * 2
     with pytest.raises(ValueError, match="did you mean 'svd'"):
         Navigator(KF(), coarse="sdv")

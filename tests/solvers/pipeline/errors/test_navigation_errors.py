@@ -12,8 +12,9 @@ from sins_env.types import NavState
 from sins_env.units import DEG, DEG_PER_H, UG
 from solvers.blocks.moments import tangent
 from solvers.pipeline import strapdown as S
+from solvers.pipeline.aiding.gps import Fix
 from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT
-from solvers.pipeline.errors.navigation import PHI, POS, VEL, NavigationErrors
+from solvers.pipeline.errors.navigation import DP, DV, PHI, STATES, NavigationErrors
 
 MODEL = earth.get("wgs84")
 START = np.array([34.2 * DEG, 108.9 * DEG, 380.0])
@@ -60,17 +61,15 @@ def test_predicts_the_difference_of_two_ins(phi, gyro, accel, metres):
     """100 s; a prototype reached 5e-8 deg, 6e-4 m/s and 0.016 m."""
     predicted, actual = difference(phi, gyro, accel, 100.0)
     assert np.abs(attitude.wrap(predicted - actual)[PHI]).max() < 2e-6 * DEG  # measured 1e-6: 0.004 arcsec
-    assert np.abs(predicted - actual)[VEL].max() < 5e-5  # measured 1.3e-5
-    assert np.abs(predicted - actual)[POS].max() < metres  # measured 0.003, 0.003 and 0.2
+    assert np.abs(predicted - actual)[DV].max() < 5e-5  # measured 1.3e-5
+    assert np.abs(predicted - actual)[DP].max() < metres  # measured 0.003, 0.003 and 0.2
 
 
 def test_the_gradient_of_gravity_counts_after_five_minutes():
     """A prototype without the term in latitude: 0.017 m/s and 1.3 m after 300 s."""
     predicted, actual = difference((3, 3, 10), (1, 1, 1), (1000, 1000, 1000), 300.0)
-    assert np.abs(predicted - actual)[VEL].max() < 1.7e-3
-    assert (
-        np.abs(predicted - actual)[POS].max() < 1.3
-    )  # measured 0.97 E: second order in a position error of kilometres
+    assert np.abs(predicted - actual)[DV].max() < 1.7e-3
+    assert np.abs(predicted - actual)[DP].max() < 1.3  # measured 0.97 E: second order in a position error of kilometres
 
 
 def an_epoch(seed, batch=()):
@@ -89,7 +88,7 @@ def derivative(x, m, latitude):
     """docs/mathematics/error_models.md#navigation-model in the form of 001, latitude, longitude and height in place
     of metres; v is the true velocity in the terms
     with a position error."""
-    phi, dv, eps, nabla = x[PHI], x[VEL], x[9:12] * GYRO_UNIT, x[12:] * ACCEL_UNIT
+    phi, dv, eps, nabla = x[PHI], x[DV], x[9:12] * GYRO_UNIT, x[12:] * ACCEL_UNIT
     R_M, R_N = earth.radii(MODEL, latitude)
     R_M, R_N = R_M + 400.0, R_N + 400.0
     c, t = np.cos(latitude), np.tan(latitude)
@@ -130,8 +129,8 @@ def test_epoch_map_solves_the_differential_equation(seed):
     step = NavigationErrors().transition(m, np.zeros((15, 15))).f(x)
     moved = np.abs(truth - x)
     np.testing.assert_allclose(step[PHI], truth[PHI], atol=1e-9 * m.dt)
-    np.testing.assert_allclose(step[VEL], truth[VEL], atol=2e-7 * m.dt)
-    np.testing.assert_allclose(step[POS], truth[POS], atol=1e-6)
+    np.testing.assert_allclose(step[DV], truth[DV], atol=2e-7 * m.dt)
+    np.testing.assert_allclose(step[DP], truth[DP], atol=1e-6)
     assert np.abs(step - truth)[:9].max() < 1e-4 * moved[:9].max()
     np.testing.assert_array_equal(step[9:], x[9:])
 
@@ -145,7 +144,7 @@ def test_jacobian_at_zero_is_the_textbook_matrix():
         [(derivative(h, m, latitude) - derivative(-h, m, latitude)) / 2e-4 for h in 1e-4 * np.eye(15)], axis=-1
     )
     np.testing.assert_allclose(J, np.eye(15) + A * m.dt + A @ A * m.dt**2 / 2, rtol=0, atol=2e-6)
-    np.testing.assert_allclose(J[VEL, PHI], attitude.skew(m.dvel_n), atol=1e-5)  # dv' = f x phi
+    np.testing.assert_allclose(J[DV, PHI], attitude.skew(m.dvel_n), atol=1e-5)  # dv' = f x phi
 
 
 @pytest.mark.parametrize("batch", [(), (1,), (7,), (2, 3)])
@@ -153,9 +152,9 @@ def test_jacobian_at_zero_is_the_textbook_matrix():
 def test_batches_and_points(batch, position):
     m, _ = an_epoch(3, batch)
     model = NavigationErrors(position)
-    n = len(model.of_prior)
+    n = model.states.size
     f = model.transition(m, np.zeros((n, n))).f
-    points = errors_of(np.random.default_rng(9), *batch, 5)[..., model.of_prior]
+    points = errors_of(np.random.default_rng(9), *batch, 5)[..., STATES.places(model.states)]
     whole = f(points)
     assert whole.shape == points.shape
     for p in range(5):
@@ -170,9 +169,9 @@ def test_without_position_it_is_the_same_model():
     """Where there is no position error and the base barely moves, the other twelve states do the same."""
     m, _ = an_epoch(4)
     x = errors_of(np.random.default_rng(1))
-    x[POS] = 0.0
-    x[VEL] = 0.0
-    kept = NavigationErrors(position=False).of_prior
+    x[DP] = 0.0
+    x[DV] = 0.0
+    kept = STATES.places(NavigationErrors(position=False).states)
     with_position = NavigationErrors().transition(m, np.zeros((15, 15))).f(x)
     without = NavigationErrors(position=False).transition(m, np.zeros((12, 12))).f(x[kept])
     np.testing.assert_allclose(without, with_position[kept], atol=1e-15)
@@ -190,9 +189,9 @@ def test_prior_noise_and_units():
     std = np.sqrt(np.diagonal(P[2]))
     np.testing.assert_allclose(std, [DEG, 2 * DEG, 15 * DEG, *[0.2] * 3, *[10.0] * 3, *[0.02] * 3, *[0.1] * 3])
     Q, q = NavigationErrors().noise(prior), (5 * UG) ** 2
-    np.testing.assert_allclose(Q[VEL, VEL], q * 0.5 * np.eye(3))
-    np.testing.assert_allclose(Q[POS, POS], q * 0.5**3 / 3 * np.eye(3))
-    np.testing.assert_allclose(Q[VEL, POS], q * 0.5**2 / 2 * np.eye(3))
+    np.testing.assert_allclose(Q[DV, DV], q * 0.5 * np.eye(3))
+    np.testing.assert_allclose(Q[DP, DP], q * 0.5**3 / 3 * np.eye(3))
+    np.testing.assert_allclose(Q[DV, DP], q * 0.5**2 / 2 * np.eye(3))
     np.testing.assert_array_equal(Q, Q.T)
     np.testing.assert_allclose(np.sqrt(np.diagonal(Q))[PHI], 0.01 / 60 * DEG * np.sqrt(0.5))
     assert not Q[9:].any()
@@ -202,10 +201,10 @@ def test_lever_arm_measurement():
     """h(x) is the INS's antenna minus the true one, in velocity and place."""
     rng = np.random.default_rng(2)
     arm, x = rng.standard_normal((2, 3)), errors_of(rng, 5)
-    h = NavigationErrors().measurement(np.zeros(6), np.eye(6), arm).h
+    h = Fix(STATES).measurement(np.zeros(6), np.eye(6), arm).h
     for row, value in zip(x, h(x), strict=True):
         true = arm @ attitude.misalignment_dcm(row[PHI])
-        np.testing.assert_allclose(value, np.concatenate([row[VEL] + arm[0] - true[0], row[POS] + arm[1] - true[1]]))
+        np.testing.assert_allclose(value, np.concatenate([row[DV] + arm[0] - true[0], row[DP] + arm[1] - true[1]]))
 
 
 def test_corrected_takes_the_errors_away():
@@ -215,8 +214,8 @@ def test_corrected_takes_the_errors_away():
     true = NavState(q, rng.standard_normal((4, 3)), np.broadcast_to(START, (4, 3)))
     wrong = NavState(
         attitude.multiply(attitude.misalignment_quaternion(x[:, PHI]), q),
-        true.vel + x[:, VEL],
-        earth.displace(MODEL, true.pos, x[:, POS]),
+        true.vel + x[:, DV],
+        earth.displace(MODEL, true.pos, x[:, DP]),
     )
     right = NavigationErrors().corrected(MODEL, wrong, x)
     assert attitude.rotation_angle(attitude.multiply(right.q_nb, attitude.conjugate(q))).max() < 1e-14

@@ -1,0 +1,74 @@
+"""The settings of the pipeline around a filter: one value, checked once, which all its parts read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from sins_env.checks import choice
+from solvers.pipeline import coarse as coarse_methods
+from solvers.pipeline.errors.invariant import COORDINATES
+
+MODELS = ("exact", "thesis")
+BIAS_FRAMES = ("body", "nav")
+FEEDBACK = ("open", "closed")
+ALIGNMENT_ONLY = ("model", "bias_frame")  #: settings that only alignment has
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the pipeline around a filter works. ``None``: as the filter asks for, else the default of the task.
+
+    ``model``: error model of alignment; "exact" for misalignments of any size, "thesis" to first order in the tilt.
+    ``bias_frame``: axes in which alignment takes the biases as constant, "body" or "nav".
+    ``feedback``: "open" leaves the INS alone and corrects its output; "closed" resets the INS after each fix. The default
+    is open in alignment, as in the thesis, and closed in navigation.
+    ``coordinates``: coordinates of the errors that the filter estimates, "euler" or "invariant"
+    (:mod:`solvers.pipeline.errors.invariant`); the default is "euler".
+    ``coarse``: method of the coarse phase, which an unknown start needs (:mod:`solvers.pipeline.coarse`). The default is
+    "aided" in alignment. In navigation it is "svd", which takes the vehicle to stand still, as it does there; the
+    velocities of fixes, which "aided" relies on, are noisier than that.
+
+    Raises:
+        ValueError: a value that is not allowed.
+    """
+
+    model: str = "exact"
+    bias_frame: str = "body"
+    feedback: str | None = None
+    coordinates: str | None = None
+    coarse: str | None = None
+
+    def __post_init__(self) -> None:
+        choice("model", self.model, MODELS)
+        choice("bias_frame", self.bias_frame, BIAS_FRAMES)
+        for name, allowed in (("feedback", FEEDBACK), ("coordinates", COORDINATES)):
+            if getattr(self, name) is not None:
+                choice(name, getattr(self, name), allowed)
+        if self.coarse is not None:
+            coarse_methods.check_method(self.coarse)
+        if self.coordinates == "invariant":
+            self._refuse("in invariant coordinates")
+
+    def navigating(self) -> Settings:
+        """The settings with the defaults of those that only alignment has."""
+        return replace(self, **{name: getattr(Settings, name) for name in ALIGNMENT_ONLY})
+
+    def refuse_in_navigation(self, what: str) -> None:
+        """Raise ValueError for a setting that only alignment has."""
+        self._refuse(f"is of alignment, and {what} navigates")
+
+    def _refuse(self, why: str) -> None:
+        for name in ALIGNMENT_ONLY:
+            given, default = getattr(self, name), getattr(Settings, name)
+            if given != default:
+                raise ValueError(f"{name} = {given!r} {why}; allowed: {default!r}")
+
+    def completed(self, filter: Any, default: Settings) -> Settings:
+        """The settings with what the filter asks for in place of ``None``, else with the default."""
+        return replace(
+            self,
+            feedback=self.feedback or getattr(filter, "feedback", default.feedback),
+            coordinates=self.coordinates or getattr(filter, "coordinates", default.coordinates),
+            coarse=self.coarse or default.coarse,
+        )
