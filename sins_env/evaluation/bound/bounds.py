@@ -2,7 +2,7 @@
 
     bound_j(t) = sqrt( mean over runs of [P(t)]_jj )
 
-P is the Riccati covariance of the navigation frame's errors (error_model.py), linearised at the run's true trajectory, with
+P is the Riccati covariance of the navigation frame's errors (error_dynamics.py), linearised at the run's true trajectory, with
 the true noise and the spread of the start that is really drawn, whatever estimators are told. It is averaged as a
 covariance, never as information. It conditions on the trajectory: it bounds estimators without prior knowledge of the motion.
 """
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from sins_env.arrays import Array
 from sins_env.evaluation.bound import cache
-from sins_env.evaluation.bound.error_dynamics import ErrorModel, true_motion
+from sins_env.evaluation.bound.error_dynamics import ErrorDynamics, true_motion
 from sins_env.evaluation.play import criteria as criteria_module
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.tasks.fingerprint import digest
@@ -85,7 +85,7 @@ def compute(task: EvaluationTask, runs: int = RUNS) -> Bound | None:
     env.close()
     if not isinstance(world, SimulatedWorld) or isinstance(world.gps, ZeroVelocity):
         return None
-    model, runs = ErrorModel(world), 1 if public.navigate else runs
+    model, runs = ErrorDynamics(world), 1 if public.navigate else runs
     P = np.broadcast_to(model.P0, (runs, model.n, model.n))
     variance = []
     for part in true_motion(task, public, runs):

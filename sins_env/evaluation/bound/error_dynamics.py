@@ -31,15 +31,17 @@ from sins_env.arrays import Array
 from sins_env.evaluation.bound.fisher import fix_noise
 from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.specs import ImuSpec
+from sins_env.states import ERRORS, FIX, Block, Layout, answered
 from sins_env.types import Task
 from sins_env.units import DEG, DEG_PER_H, UG
 from sins_env.worlds.simulated import SimulatedWorld
 
 CHUNK_EPOCHS = 100
-VEL, PHI, POS = slice(0, 3), slice(3, 6), slice(6, 9)
-HELD = (2, 6, 7, 8)  #: states that a base which does not travel has not
+CORE = ERRORS.only("dv", "phi", "dp")  #: states of a world, before those of its biases
+AT_REST = Layout((Block("dv", 2, "m/s"), Block("phi", 3, "rad")))  #: the same of a base that does not travel
+DV, PHI, DP = (CORE[name] for name in CORE.names)
 UNKNOWN_ATTITUDE_STD = math.pi / math.sqrt(3.0)  #: rad, of angles that may be anything
-UNKNOWN_VELOCITY_STD = 10.0  #: m/s
+UNKNOWN_DVOCITY_STD = 10.0  #: m/s
 STEP_RAD, STEP_M = 1e-4, 100.0  #: of central differences in latitude and height; exact to 1e-8
 
 
@@ -94,54 +96,66 @@ def _rates(model: earth.Earth, vel: Array, pos: Array) -> tuple[Array, Array]:
 class _Bias(NamedTuple):
     """Three states of the errors of three like sensors."""
 
+    name: str
     gyro: bool
     std: float  #: rad/s or m/s^2
     time_constant_s: float  #: inf: constant
+
+    @property
+    def block(self) -> Block:
+        return Block(self.name, 3, "rad/s" if self.gyro else "m/s^2")
 
 
 def _biases(imu: ImuSpec) -> list[_Bias]:
     """Those that there are. Scale factors, misaligned axes and quantisation count as known: a lower bound all the same."""
     kinds = [
-        _Bias(False, imu.accel_bias_ug * UG, math.inf),
-        _Bias(False, imu.accel_markov_ug * UG, imu.accel_markov_s),
-        _Bias(True, imu.gyro_bias_deg_h * DEG_PER_H, math.inf),
-        _Bias(True, imu.gyro_markov_deg_h * DEG_PER_H, imu.gyro_markov_s),
+        _Bias("accel_bias", False, imu.accel_bias_ug * UG, math.inf),
+        _Bias("accel_markov", False, imu.accel_markov_ug * UG, imu.accel_markov_s),
+        _Bias("gyro_bias", True, imu.gyro_bias_deg_h * DEG_PER_H, math.inf),
+        _Bias("gyro_markov", True, imu.gyro_markov_deg_h * DEG_PER_H, imu.gyro_markov_s),
     ]
     return [kind for kind in kinds if kind.std]
 
 
-class ErrorModel:
-    """The dynamics of a world's errors, what its fixes tell of them, and what is known at the start."""
+class ErrorDynamics:
+    """The dynamics of a world's errors, what its fixes tell of them, and what is known at the start.
+
+    ``states`` are those of the bound; the dynamics are written down for ``full``, of which a base that does not travel has a
+    part.
+    """
 
     def __init__(self, world: SimulatedWorld) -> None:
         imu, gps, prior, site = world.imu.spec, world.gps.spec, world.task.prior, world.task.site
         self.epoch_s, self.earth, self.lever = world.task.epoch_s, earth.get(site.earth), np.asarray(gps.lever_arm_m)
-        self.biases = [(slice(9 + 3 * i, 12 + 3 * i), kind) for i, kind in enumerate(_biases(imu))]
-        std, drive = np.zeros((2, 9 + 3 * len(self.biases)))
+        self.travels, self.script = world.task.navigate, world.imu.script
+        kinds = _biases(imu)
+        blocks = [kind.block for kind in kinds]
+        self.full = CORE.plus(*blocks)
+        self.states = self.full if self.travels else AT_REST.plus(*blocks)
+        self.n, self._kept = self.states.size, self.full.places(self.states)
+        self.biases = [(self.full[kind.name], kind) for kind in kinds]
+        std, drive = np.zeros((2, self.full.size))
         known = world.settings.start == "told"
-        std[VEL] = prior.velocity_std_mps if known else UNKNOWN_VELOCITY_STD
+        std[DV] = prior.velocity_std_mps if known else UNKNOWN_DVOCITY_STD
         std[PHI] = np.asarray(prior.attitude_std_deg) * DEG if known else UNKNOWN_ATTITUDE_STD
-        std[POS] = prior.position_std_m
-        drive[VEL], drive[PHI] = imu.vrw**2, imu.arw**2
+        std[DP] = prior.position_std_m
+        drive[DV], drive[PHI] = imu.vrw**2, imu.arw**2
         for states, kind in self.biases:
             std[states] = kind.std
             drive[states] = 2 * kind.std**2 / kind.time_constant_s
-        self.travels, self.script = world.task.navigate, world.imu.script
-        self.states = np.array([j for j in range(len(std)) if self.travels or j not in HELD])
-        self.rows = np.arange(6 if self.travels else 2)  #: of a fix: velocity, position
-        self.n, self.P0, self._drive = len(self.states), np.diag(std[self.states] ** 2), drive
-        self.R = fix_noise(gps)[np.ix_(self.rows, self.rows)]
-        order = [*range(3, 6), *([0, 1, 2, 6, 7, 8] if self.travels else [])]
-        self.scored = np.searchsorted(self.states, order)  #: phi, or phi, velocity and position
+        self._shown = FIX.places(self.states.only(*(name for name in FIX.names if name in self.states)))
+        self.P0, self._drive = np.diag(std[self._kept] ** 2), drive
+        self.R = fix_noise(gps)[np.ix_(self._shown, self._shown)]
+        self.scored = self.states.places(answered(self.travels))  #: indices of phi, or phi, velocity and position
 
     def noise(self, truth: Truth, F: Array) -> Array:
         """Q (runs, epochs, n, n): half of an epoch's white noise goes through F, half does not."""
         count = F.shape[1]
         drive = np.repeat(self._drive[None], count, axis=0)
-        for states, wave in ((VEL, self.script.accel_wave), (PHI, self.script.gyro_wave)):
+        for states, wave in ((DV, self.script.accel_wave), (PHI, self.script.gyro_wave)):
             if wave:
                 drive[:, states] *= wave.rms(truth.first, count, self.epoch_s)[:, None] ** 2
-        D = drive[:, self.states, None] * np.eye(self.n)
+        D = drive[:, self._kept, None] * np.eye(self.n)
         return 0.5 * self.epoch_s * (D + F @ D @ F.mT)
 
     def transitions(self, truth: Truth) -> Array:
@@ -149,18 +163,17 @@ class ErrorModel:
         skew, vel = attitude.skew, truth.vel
         T = earth.transport_matrix(self.earth, truth.pos[..., 0], truth.pos[..., 2])
         rate_ie, rate_en = _rates(self.earth, vel, truth.pos)
-        full = 9 + 3 * len(self.biases)
-        A = np.zeros((*vel.shape[:-1], full, full))
-        A[..., VEL, VEL] = skew(vel) @ T - skew(2 * rate_ie + rate_en)
-        A[..., VEL, PHI] = skew(truth.force)
-        A[..., PHI, VEL] = T
+        A = np.zeros((*vel.shape[:-1], self.full.size, self.full.size))
+        A[..., DV, DV] = skew(vel) @ T - skew(2 * rate_ie + rate_en)
+        A[..., DV, PHI] = skew(truth.force)
+        A[..., PHI, DV] = T
         A[..., PHI, PHI] = -skew(rate_ie + rate_en)
         for states, kind in self.biases:
-            A[..., PHI if kind.gyro else VEL, states] = -truth.C if kind.gyro else truth.C
+            A[..., PHI if kind.gyro else DV, states] = -truth.C if kind.gyro else truth.C
             A[..., states, states] = -np.eye(3) / kind.time_constant_s
         if self.travels:
             self._add_position(A, truth)
-        A = A[..., self.states[:, None], self.states] * self.epoch_s
+        A = A[..., self._kept[:, None], self._kept] * self.epoch_s
         A2 = A @ A
         F: Array = np.eye(self.n) + A + A2 / 2 + A2 @ A / 6
         return F
@@ -169,29 +182,30 @@ class ErrorModel:
         """What an error of position does, and what becomes of it, in place."""
         vel, pos = truth.vel, truth.pos
         R_M, R_N = (radius + pos[..., 2] for radius in earth.radii(self.earth, pos[..., 0]))
-        for axis, step, metres in ((0, STEP_RAD, STEP_RAD * R_M), (2, STEP_M, STEP_M)):
+        E, N, U = range(DP.start, DP.stop)
+        for state, axis, step, metres in ((N, 0, STEP_RAD, STEP_RAD * R_M), (U, 2, STEP_M, STEP_M)):
             ahead, behind = pos.copy(), pos.copy()
             ahead[..., axis] += step
             behind[..., axis] -= step
             scale = 0.5 / np.asarray(metres)[..., None]
             (ie, en), (ie_behind, en_behind) = (_rates(self.earth, vel, place) for place in (ahead, behind))
-            state = 7 if axis == 0 else 8
             A[..., PHI, state] = (ie + en - ie_behind - en_behind) * scale
-            A[..., VEL, state] = (_apparent(self.earth, vel, behind) - _apparent(self.earth, vel, ahead)) * scale
-        A[..., POS, VEL] = np.eye(3)
+            A[..., DV, state] = (_apparent(self.earth, vel, behind) - _apparent(self.earth, vel, ahead)) * scale
+        A[..., DP, DV] = np.eye(3)
         (east, north, up), tan = np.moveaxis(vel, -1, 0), np.tan(pos[..., 0])
-        A[..., 6, 6], A[..., 6, 7], A[..., 6, 8] = (up - north * tan) / R_N, east * tan / R_N, -east / R_N
-        A[..., 7, 7], A[..., 7, 8] = up / R_M, -north / R_M
+        A[..., E, E], A[..., E, N], A[..., E, U] = (up - north * tan) / R_N, east * tan / R_N, -east / R_N
+        A[..., N, N], A[..., N, U] = up / R_M, -north / R_M
 
     def sensitivity(self, truth: Truth) -> Array:
         """H (runs, epochs, m, n) of the antenna's velocity, V + C (omega_eb x lever arm), and position, p + C lever arm."""
-        H = np.zeros((*truth.vel.shape[:-1], 6, 9 + 3 * len(self.biases)))
-        H[..., :3, VEL] = H[..., 3:, POS] = np.eye(3)
+        H = np.zeros((*truth.vel.shape[:-1], FIX.size, self.full.size))
+        vel, pos = FIX["dv"], FIX["dp"]
+        H[..., vel, DV] = H[..., pos, DP] = np.eye(3)
         if self.lever.any():
             C, skew = truth.C_end, attitude.skew
-            H[..., :3, PHI] = skew(np.matmul(C, np.cross(truth.rate_end, self.lever)[..., None])[..., 0])
-            H[..., 3:, PHI] = skew(C @ self.lever)
+            H[..., vel, PHI] = skew(np.matmul(C, np.cross(truth.rate_end, self.lever)[..., None])[..., 0])
+            H[..., pos, PHI] = skew(C @ self.lever)
             for states, kind in self.biases:
                 if kind.gyro:
-                    H[..., :3, states] = -(C @ skew(self.lever))
-        return H[..., self.rows[:, None], self.states]
+                    H[..., vel, states] = -(C @ skew(self.lever))
+        return H[..., self._shown[:, None], self._kept]

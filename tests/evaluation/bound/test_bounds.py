@@ -11,7 +11,7 @@ from sins_env import attitude, earth
 from sins_env.envs.rendering import sensor_floor
 from sins_env.evaluation import get_task
 from sins_env.evaluation.bound import bounds
-from sins_env.evaluation.bound.error_dynamics import ErrorModel, Truth, true_motion
+from sins_env.evaluation.bound.error_dynamics import ErrorDynamics, Truth, true_motion
 from sins_env.evaluation.bound.fisher import fisher_factor
 from sins_env.evaluation.tasks import catalogue as tasks
 from sins_env.specs import GpsSpec
@@ -64,7 +64,7 @@ def test_golden_values(name):
 def test_golden_values_of_gauss_markov_errors():
     imu = {"preset": "thesis-markov", "vrw_ug_sqrt_hz": 50.0}
     task = variant(imu=imu, latitude_deg=40.0, duration=600.0)
-    assert ErrorModel(world_of(task)[1]).n == 14
+    assert ErrorDynamics(world_of(task)[1]).n == 14
     sigma = bounds.compute(task, 4).sigma / ARCSEC
     np.testing.assert_allclose(sigma[[119, 239, 359, 479, 599], 2], [3479, 2324, 2089, 1977, 1908], rtol=0.004)
     np.testing.assert_allclose(sigma[599, :2], [21.43, 21.02], rtol=0.003)
@@ -168,7 +168,7 @@ def test_a_jump_counts_as_known_and_an_outage_as_lost():
 def nonlinear(task, seconds, size=1e-3):
     """Difference quotient of the noise-free strapdown with respect to every state's 1 sigma, (n, n); up is held."""
     public, world, start = world_of(task)
-    model = ErrorModel(world)
+    model = ErrorDynamics(world)
     n, sigma = model.n, np.sqrt(np.diag(model.P0))
     x = size * sigma * np.concatenate([np.eye(n), -np.eye(n)])
     q = attitude.multiply(attitude.from_rotvec(-x[:, 2:5]), start["q_nb"])
@@ -194,7 +194,7 @@ def nonlinear(task, seconds, size=1e-3):
 def linear(task, seconds, spoil=None):
     """The product of F, columns scaled to 1 sigma."""
     public, world, _ = world_of(task)
-    model = ErrorModel(world)
+    model = ErrorDynamics(world)
     product = np.diag(np.sqrt(np.diag(model.P0)))
     for part in true_motion(task, public, 1):
         if spoil:
@@ -233,7 +233,7 @@ def test_dynamics_are_those_of_the_solvers_error_model(seed):
     """Two codes written apart: the Jacobian at zero error of the filters' epoch map, at 100 m/s, where every term counts."""
     rng = np.random.default_rng(seed)
     public, world, _ = world_of(WHITE)
-    model = ErrorModel(world)
+    model = ErrorDynamics(world)
     C = attitude.to_dcm(attitude.normalize(rng.standard_normal(4)))
     force, vel = np.array([0, 0, 9.8]) + rng.standard_normal(3), 100 * rng.standard_normal(3)
     part = Truth(0, *(a[None, None] for a in (C, force, vel, public.site.pos, C, vel)), np.array([True]))
@@ -275,7 +275,7 @@ def test_sensitivity_to_a_lever_arm():
     """H against differences of the antenna's velocity."""
     task = variant(duration=10.0, gps={"lever_arm_m": [0.5, 1.0, 2.0]})
     public, world, _ = world_of(task)
-    model = ErrorModel(world)
+    model = ErrorDynamics(world)
     part = next(true_motion(task, public, 1))
     C, rate = part.C_end[0, 7], part.rate_end[0, 7]
 
@@ -297,7 +297,7 @@ def test_covariance_is_that_of_a_dense_least_squares_problem():
     """The posterior of the last state from the joint covariance of start and noise, with gaps between the fixes."""
     task = variant(duration=24.0, gps={"rate_hz": 5.0, "outages_s": [[10.0, 15.0]], "contamination": 0.2})
     public, world, _ = world_of(task)
-    model = ErrorModel(world)
+    model = ErrorDynamics(world)
     n, K = model.n, public.num_epochs
     parts = list(true_motion(task, public, 1))
     F = np.concatenate([model.transitions(part)[0] for part in parts])
@@ -330,7 +330,7 @@ def test_covariances_are_averaged():
     both = bounds.compute(task, 2).sigma
     one = bounds.compute(task, 1).sigma
     public, world, _ = world_of(task)
-    model = ErrorModel(world)
+    model = ErrorDynamics(world)
     P, k = model.P0, 0
     for part in true_motion(task, public, 2):
         F, H = model.transitions(part), model.sensitivity(part)[1]

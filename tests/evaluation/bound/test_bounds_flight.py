@@ -11,7 +11,7 @@ from scipy import linalg
 from sins_env import attitude, earth
 from sins_env.evaluation import get_task
 from sins_env.evaluation.bound import bounds, error_dynamics
-from sins_env.evaluation.bound.error_dynamics import PHI, POS, VEL, ErrorModel, true_motion
+from sins_env.evaluation.bound.error_dynamics import DP, DV, PHI, ErrorDynamics, true_motion
 from sins_env.evaluation.bound.fisher import fisher_factor
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.tasks import catalogue as tasks
@@ -112,24 +112,24 @@ def test_odd_settings(more):
 def nonlinear(task, seconds, epoch, size=1e-3):
     """Difference quotient of the noise-free strapdown with respect to every state's 1 sigma, (15, 15)."""
     world, info = world_of(dataclasses.replace(task, kwargs={**task.kwargs, "epoch": epoch}))
-    start, site, model = info["truth"], world.task.site, ErrorModel(world)
+    start, site, model = info["truth"], world.task.site, ErrorDynamics(world)
     sigma = np.sqrt(np.diag(model.P0))
     x = size * sigma * np.concatenate([np.eye(15), -np.eye(15)])
     q = attitude.multiply(attitude.from_rotvec(-x[:, PHI]), start["q_nb"])
-    pos = earth.displace(model.earth, start["pos"], x[:, POS])
+    pos = earth.displace(model.earth, start["pos"], x[:, DP])
     ins = Strapdown(model.earth, epoch, 1, site.pos, hold_position=False)
-    state = ins.start(NavState(q, start["vel"] + x[:, VEL], pos))
+    state = ins.start(NavState(q, start["vel"] + x[:, DV], pos))
     motion = world.trajectory.chunk(0, round(seconds / epoch))
     for k in range(motion.dtheta.shape[1]):
         bias = epoch * x[:, None]
         state, _ = ins.advance(state, motion.dtheta[0, k] + bias[..., GYRO], motion.dvel[0, k] + bias[..., ACCEL])
     end, out = state.nav, np.diag(sigma)
     q = attitude.multiply(end.q_nb[:15], attitude.conjugate(end.q_nb[15:]))
-    out[VEL] = (end.vel[:15] - end.vel[15:]).T / (2 * size)
+    out[DV] = (end.vel[:15] - end.vel[15:]).T / (2 * size)
     out[PHI] = (-2 * np.sign(q[:, :1]) * q[:, 1:]).T / (2 * size)
     truth = motion.state.pos[0, -1]
     metres = [earth.offset(model.earth, truth, place) for place in (end.pos[:15], end.pos[15:])]
-    out[POS] = (metres[0] - metres[1]).T / (2 * size)
+    out[DP] = (metres[0] - metres[1]).T / (2 * size)
     return out
 
 
@@ -137,7 +137,7 @@ def linear(task, seconds, spoil=None):
     """The product of F, columns scaled to 1 sigma."""
     task = dataclasses.replace(task, kwargs={**task.kwargs, "duration": seconds})
     world, _ = world_of(task)
-    model = ErrorModel(world)
+    model = ErrorDynamics(world)
     product = np.diag(np.sqrt(np.diag(model.P0)))
     for part in true_motion(task, world.task, 1):
         F = model.transitions(part if spoil is None else spoil(model, part))[0]
@@ -178,7 +178,7 @@ def _no_place(model, part):
 
 def _without_place(F):
     F = F.copy()
-    F[:, :9, POS] = np.eye(9)[:, POS]
+    F[:, :9, DP] = np.eye(9)[:, DP]
     return F
 
 
@@ -192,13 +192,13 @@ def test_sensitivity_to_a_lever_arm():
     """H against differences of the antenna's velocity and position."""
     task = flight("hotstart30", duration=80.0, gps={"lever_arm_m": [0.5, 1.0, 2.0]})
     world, _ = world_of(task)
-    model = ErrorModel(world)
+    model = ErrorDynamics(world)
     part = list(true_motion(task, world.task, 1))[-1]
     C, rate = part.C_end[0, -1], part.rate_end[0, -1]
 
     def antenna(x):
         turned = attitude.to_dcm(attitude.from_rotvec(-x[PHI])) @ C
-        return np.concatenate([x[VEL] + turned @ np.cross(rate + x[GYRO], model.lever), x[POS] + turned @ model.lever])
+        return np.concatenate([x[DV] + turned @ np.cross(rate + x[GYRO], model.lever), x[DP] + turned @ model.lever])
 
     step = 1e-4 * np.eye(15)
     quotient = np.array([(antenna(x) - antenna(-x)) / 2e-4 for x in step]).T
@@ -213,14 +213,14 @@ def test_process_noise_is_what_the_sensors_draw():
     runs, epochs = 40, 1000
     world, _ = world_of(flight("zhao2010"))
     world.reset([np.random.default_rng(run) for run in range(runs)], {})  # which measures nothing yet
-    model, motion = ErrorModel(world), world.trajectory.chunk(0, epochs)
+    model, motion = ErrorDynamics(world), world.trajectory.chunk(0, epochs)
     h = world.task.epoch_s
     truth = error_dynamics.Truth(0, *[None] * 6, np.ones(epochs, dtype=bool))
     Q = model.noise(truth, np.broadcast_to(np.eye(15), (1, epochs, 15, 15)))[0]
     measured = world.imu.measure(motion.dtheta, motion.dvel)
     for states, true, found, triad in (
         (PHI, motion.dtheta, measured[0], world.imu.gyro),
-        (VEL, motion.dvel, measured[1], world.imu.accel),
+        (DV, motion.dvel, measured[1], world.imu.accel),
     ):
         noise = (found - true)[:, :, 0] - h * triad.bias[:, None]
         for part in np.split(np.arange(epochs), 4):
@@ -234,12 +234,12 @@ def test_process_noise_reaches_the_position():
     """Of velocity's white noise S: [S h, S h^2 / 2] on velocity and position after an epoch, to first order in h^3."""
     task = flight("lu-gauss", duration=1.0)
     world, _ = world_of(task)
-    model = ErrorModel(world)
+    model = ErrorDynamics(world)
     part = next(true_motion(task, world.task, 1))
     Q = model.noise(part, model.transitions(part))[0, 0]
     S, h = (50 * UG) ** 2, 0.1
-    np.testing.assert_allclose(np.diag(Q)[VEL], S * h, rtol=1e-4)
-    np.testing.assert_allclose(np.diag(Q[VEL, POS]), S * h**2 / 2, rtol=1e-4)
+    np.testing.assert_allclose(np.diag(Q)[DV], S * h, rtol=1e-4)
+    np.testing.assert_allclose(np.diag(Q[DV, DP]), S * h**2 / 2, rtol=1e-4)
     np.testing.assert_allclose(np.diag(Q)[PHI], (0.01 * DEG / 60) ** 2 * h, rtol=1e-4)
     assert not Q[9:].any()
 
@@ -249,7 +249,7 @@ def test_start_covariance_is_that_of_the_draws(profile):
     """Of 3000 runs: every variance within 5 standard errors, every correlation within 5."""
     runs = 3000
     world, info = world_of(flight(profile, duration=1.0), runs)
-    start, truth, model = info["start"], info["truth"], ErrorModel(world)
+    start, truth, model = info["start"], info["truth"], ErrorDynamics(world)
     phi = attitude.misalignment(start["q_nb"], truth["q_nb"])
     pos = earth.offset(model.earth, truth["pos"], start["pos"])
     x = np.concatenate([start["vel"] - truth["vel"], phi, pos, world.imu.accel.bias, world.imu.gyro.bias], axis=1)
@@ -270,7 +270,7 @@ def test_covariance_is_that_of_a_dense_least_squares_problem():
     gps = {"lever_arm_m": [0.5, 1.0, 2.0], "outages_s": [[30.0, 45.0]], "contamination": 0.2}
     task = flight("hotstart30", duration=80.0, epoch=h, n_sub=10, gps=gps)
     world, _ = world_of(task)
-    model = ErrorModel(world)
+    model = ErrorDynamics(world)
     (part,) = true_motion(task, world.task, 1)
     F, H, n = model.transitions(part)[0], model.sensitivity(part)[0], 15
     white = np.diag([(100 * UG) ** 2] * 3 + [(0.1 * DEG / 60) ** 2] * 3 + [0.0] * 9)
@@ -296,7 +296,7 @@ def test_units_do_not_matter():
     """Why states are not scaled: not one bit changes where metres, m/s and rad become 2^-k of themselves."""
     task = flight("hotstart30", duration=10.0)
     world, _ = world_of(task)
-    model = ErrorModel(world)
+    model = ErrorDynamics(world)
     unit = 2.0 ** np.array([-4] * 3 + [-8] * 3 + [3] * 3 + [-9] * 3 + [-20] * 3)
     (part,) = true_motion(task, world.task, 1)
     F, H = model.transitions(part)[0], model.sensitivity(part)[0]
