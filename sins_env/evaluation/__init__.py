@@ -4,6 +4,9 @@ An estimator is seen only through its protocol: it gets observations and the pub
 name through the entry-point group ``sins_env.estimators`` or as ``package.module:Factory``.
 """
 
+import warnings
+
+from sins_env.evaluation.bound import bounds as _bounds
 from sins_env.evaluation.bound.bounds import Bound
 from sins_env.evaluation.estimators.contract import Check, check_estimator
 from sins_env.evaluation.monte_carlo import evaluate
@@ -33,3 +36,13 @@ __all__ = [
     "get_task",
     "run_episode",
 ]
+
+
+def _bound(task: EvaluationTask) -> Bound | None:
+    """Return the Cramer-Rao bound of a task, as the method of version 0.1.0 did."""
+    text = "EvaluationTask.bound() has moved to sins_env.evaluation.bound.bounds.find(task); the method ends with version 0.3"
+    warnings.warn(text, DeprecationWarning, stacklevel=2)
+    return _bounds.find(task)
+
+
+EvaluationTask.bound = _bound  # type: ignore[attr-defined]  # a task lies below its bound, which imports it
