@@ -7,16 +7,16 @@ is lost, and is frozen.
 
 from __future__ import annotations
 
-import inspect
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Protocol, TypeVar, cast
 
 import numpy as np
 
 from sins_env.arrays import Array, Mask
+from solvers.filters.brief import Brief
 from solvers.types import MISSING, Function, Gaussian, Health, Innovation, Measurement, Transition
 
 
@@ -31,16 +31,10 @@ B = TypeVar("B", bound=AnyBelief)
 
 
 @dataclass(frozen=True)
-class BatchFilter(ABC, Generic[B]):
+class BatchFilter(Brief, ABC, Generic[B]):
     """Base of the filters: a subclass makes its belief, and predicts and corrects it."""
 
     batched: ClassVar[bool] = True  #: whether the filter takes any batch shape; False: one run, of shape ()
-
-    def __init_subclass__(cls) -> None:
-        """Give each filter the short ``repr``, unless it has its own: ``@dataclass`` leaves alone what it finds."""
-        super().__init_subclass__()
-        if "__repr__" not in vars(cls):
-            cls.__repr__ = _brief  # type: ignore[method-assign]
 
     @abstractmethod
     def init(self, prior: Gaussian, rng: Any = None) -> B:
@@ -93,16 +87,6 @@ class BatchFilter(ABC, Generic[B]):
     def diagnostics(self, b: B) -> dict[str, Array]:
         """Return what the filter knows beside its estimate, by name: arrays with the batch axes in front."""
         return {}
-
-
-def changed(made: type, values: Mapping[str, Any]) -> list[str]:
-    """The values that differ from the defaults of the class's settings: ["name=value", ...]."""
-    settings = [p for p in inspect.signature(made).parameters.values() if p.name in values]
-    return [f"{p.name}={values[p.name]!r}" for p in settings if repr(values[p.name]) != repr(p.default)]
-
-
-def _brief(filter: Any) -> str:
-    return f"{type(filter).__name__}({', '.join(changed(type(filter), vars(filter)))})"
 
 
 def initial_health(*arrays: Array, batch: tuple[int, ...]) -> Health:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sins_env.arrays import Array
 from sins_env.checks import unknown
 from sins_env.types import Observation, Rng, Task
-from solvers.filters.base import changed
+from solvers.filters.brief import changed
 from solvers.pipeline import coarse
 from solvers.pipeline.coarse import Coarse
 from solvers.pipeline.integration import refuse_navigation

@@ -10,7 +10,7 @@ import numpy as np
 from sins_env.arrays import Array
 from sins_env.checks import build
 from sins_env.types import NavState, Observation, Rng, Task
-from solvers.filters.base import changed
+from solvers.filters.brief import changed
 from solvers.pipeline.aiding.gps import Gps
 from solvers.pipeline.errors.alignment import AlignmentErrors
 from solvers.pipeline.errors.model import ErrorModel

@@ -16,7 +16,7 @@ from sins_env import earth
 from sins_env.arrays import Array
 from sins_env.states import ERRORS, answered
 from sins_env.types import NavState, Observation, Rng, Task
-from solvers.filters.base import changed
+from solvers.filters.brief import changed
 from solvers.pipeline import coarse as coarse_methods
 from solvers.pipeline import feedback as reset
 from solvers.pipeline.aiding.aid import Aid

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sins_env.arrays import Array
-from solvers.filters.base import changed
+from solvers.filters.brief import changed
 from solvers.filters.kalman.kf import KF
 from solvers.filters.sigma.ckf import CKF
 from solvers.pipeline.errors.alignment import DV, PHI

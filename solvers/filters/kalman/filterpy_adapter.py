@@ -22,6 +22,7 @@ from sins_env.arrays import Array
 from solvers.blocks.moments import standard_deviations, tangent
 from solvers.blocks.sigma_rules import Unscented
 from solvers.filters.base import settle
+from solvers.filters.brief import Brief
 from solvers.filters.gaussian import Belief, GaussianFilter, initial_belief
 from solvers.filters.registry import register
 from solvers.types import Function, Gaussian, Innovation, Measurement, Transition
@@ -42,7 +43,7 @@ def _root(P: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class FilterpyFilter(ABC):
+class FilterpyFilter(Brief, ABC):
     """Base of the adapters: a subclass makes a filterpy object and lets it predict and update."""
 
     batched: ClassVar[bool] = False

@@ -1,0 +1,150 @@
+"""The fix as an aid: what it measures and holds, and an aid with a state of its own in the whole chain."""
+
+import dataclasses
+
+import gymnasium
+import numpy as np
+import pytest
+from oracles.zoo import generators
+from scipy import stats
+
+import sins_env  # noqa: F401
+from sins_env import attitude, earth
+from sins_env.types import NavState
+from solvers.filters import make_filter
+from solvers.pipeline.aiding.gps import VERTICAL_TIME_CONSTANT_S, Gps
+from solvers.pipeline.errors.alignment import AlignmentErrors
+from solvers.pipeline.errors.model import Parameter
+from solvers.pipeline.errors.navigation import NavigationErrors
+from solvers.pipeline.estimator import Navigator
+from solvers.types import MISSING
+
+FLIGHT = "SINS/NavFlight-v0"
+MODEL = earth.get("wgs84")
+OFFSET = np.array([0.4, -0.3, 0.2])  # m/s
+
+
+@pytest.fixture(scope="module")
+def task():
+    env = gymnasium.make(FLIGHT, profile="lu-gauss", duration=10.0)
+    env.reset(seed=0)
+    return env.unwrapped.task
+
+
+def with_arm(task, *arm):
+    return dataclasses.replace(task, gps=dataclasses.replace(task.gps, lever_arm_m=arm))
+
+
+def fixes(task, runs):
+    """A fix for each run, and an INS that turns and is off by some metres."""
+    rng = np.random.default_rng(3)
+    q = attitude.normalize(rng.standard_normal((runs, 4)))
+    place = np.tile(task.site.pos, (runs, 1))
+    nav = NavState(q, rng.standard_normal((runs, 3)), earth.displace(MODEL, place, rng.standard_normal((runs, 3))))
+    obs = {"gps_vel": rng.standard_normal((runs, 3)), "gps_pos": place, "gps_valid": np.ones((runs, 1), np.int8)}
+    rate = rng.standard_normal((runs, 1, 3)) * task.epoch_s / task.n_sub
+    return {**obs, "dtheta": np.repeat(rate, task.n_sub, axis=1)}, nav
+
+
+@pytest.mark.parametrize("errors", [AlignmentErrors(), NavigationErrors(position=False), NavigationErrors()])
+@pytest.mark.parametrize("arm", [(0.0, 0.0, 0.0), (1.0, -2.0, 0.5)])
+def test_a_measurement_is_the_ins_less_the_fix_at_the_antenna(task, errors, arm):
+    """As many components as the states show: two, three or six."""
+    obs, nav = fixes(task, 5)
+    me = Gps(with_arm(task, *arm), errors.states).measure(obs, nav)
+    C = attitude.to_dcm(nav.q_nb)
+    rate = obs["dtheta"].sum(axis=1) / task.epoch_s - C.mT @ earth.rate_n(MODEL, task.site.latitude)
+    vel = nav.vel + (C @ np.cross(rate, arm)[..., None])[..., 0] - obs["gps_vel"]
+    pos = -earth.offset(MODEL, nav.pos, obs["gps_pos"]) + C @ np.array(arm)
+    m = {10: 2, 12: 3, 15: 6}[errors.states.size]
+    np.testing.assert_allclose(me.z, np.concatenate([vel, pos], axis=-1)[:, :m], atol=1e-7)
+    np.testing.assert_array_equal(me.R, task.prior.R[:m, :m])
+    np.testing.assert_array_equal(me.h(np.zeros((5, errors.states.size))), np.zeros((5, m)))
+
+
+def test_runs_without_a_fix(task):
+    """One of them has the variance of a missing fix, in all of them there is no measurement."""
+    obs, nav = fixes(task, 3)
+    gps = Gps(task, NavigationErrors().states)
+    obs["gps_valid"][1] = 0
+    me = gps.measure(obs, nav)
+    np.testing.assert_array_equal(me.z[1], 0.0)
+    assert me.R[1, 0, 0] >= MISSING > me.R[0, 0, 0]
+    obs["gps_valid"][:] = 0
+    assert gps.measure(obs, nav) is None
+    assert Gps(task, AlignmentErrors().states).hold(obs, nav) is nav
+
+
+@pytest.mark.parametrize("arm", [(0.0, 0.0, 0.0), (1.0, -2.0, 0.5)])
+def test_a_vertical_velocity_that_is_no_state_is_held(task, arm):
+    obs, nav = fixes(task, 3)
+    obs["gps_valid"][1] = 0
+    told = with_arm(task, *arm)
+    held = Gps(told, AlignmentErrors().states).hold(obs, nav)
+    off = Gps(told, NavigationErrors(position=False).states).measure(obs, nav).z[:, 2]
+    moved = off * task.epoch_s / VERTICAL_TIME_CONSTANT_S
+    moved[1] = 0.0
+    np.testing.assert_allclose(nav.vel[:, 2] - held.vel[:, 2], moved, atol=1e-14)
+    np.testing.assert_array_equal(held.vel[:, :2], nav.vel[:, :2])
+    assert Gps(told, NavigationErrors(position=False).states).hold(obs, nav) is nav
+
+
+class OffsetGps(Gps):
+    """A receiver with a constant offset of its velocity."""
+
+    def __init__(self, task, states):
+        super().__init__(task, states)
+        self.offset = states["gps.offset"]
+
+    @staticmethod
+    def parameters(task):
+        return (Parameter("gps.offset", 3, "cm/s", 0.01, std=0.5),)
+
+    def measure(self, obs, nav):
+        me = super().measure(obs, nav)
+
+        def h(x):
+            shown = me.h(x).copy()
+            shown[..., :3] -= 0.01 * x[..., self.offset]
+            return shown
+
+        return me and me._replace(h=h)
+
+
+class OffsetNavigator(Navigator):
+    aid = OffsetGps
+
+
+def fly(made, runs=24):
+    """Errors (runs, 9) after 20 s with fixes whose velocity is off, and the estimator."""
+    env = gymnasium.make_vec(FLIGHT, num_envs=runs, profile="lu-gauss", duration=20.0, gps={"pos_std_m": 1.0})
+    obs, _ = env.reset(seed=2)
+    made.reset(env.unwrapped.task, generators((runs,)), runs)
+    for _ in range(env.unwrapped.task.num_epochs):
+        obs["gps_vel"] = obs["gps_vel"] + OFFSET
+        obs, _, _, _, info = env.step(made.step(obs))
+    return np.concatenate([info["errors"][key] for key in ("phi", "vel", "pos")], axis=-1), made
+
+
+def nees(error, P):
+    return np.sum(error * np.linalg.solve(P, error[..., None])[..., 0], axis=-1).mean()
+
+
+@pytest.mark.parametrize(
+    "settings", [{}, {"feedback": "open"}, {"coordinates": "invariant"}], ids=["closed", "open", "invariant"]
+)
+def test_an_aid_brings_a_state_of_its_own(settings):
+    """The offset is found, in its unit, and the nine errors are what their covariance says; a plain navigator's are not."""
+    error, made = fly(OffsetNavigator(make_filter("ekf"), **settings))
+    low, high = stats.chi2.ppf([0.0005, 0.9995], 9 * 24) / 24
+    assert low < nees(error, made.covariance()) < high
+    x = made.filter.estimate(made._belief)
+    sigma = np.sqrt(np.diagonal(x.cov, axis1=-2, axis2=-1))[:, -3:]
+    assert np.all(sigma < 25.0)  # cm/s; it begins with 50
+    apart = (x.mean[:, -3:] - 100 * OFFSET) / sigma
+    assert np.square(apart).sum(axis=1).mean() < stats.chi2.ppf(0.9995, 3 * 24) / 24
+
+
+def test_without_it_the_errors_are_not_explained():
+    error, made = fly(Navigator(make_filter("ekf")))
+    assert nees(error, made.covariance()) > 2 * stats.chi2.ppf(0.9995, 9 * 24) / 24
