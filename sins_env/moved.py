@@ -174,7 +174,7 @@ class _Finder:
         return importlib.machinery.ModuleSpec(fullname, self)  # type: ignore[arg-type]  # importlib.abc is slow to import
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> None:
-        """None: an ordinary module."""
+        """Return None, which asks Python for an ordinary module."""
 
     def exec_module(self, module: ModuleType) -> None:
         new = MOVED[module.__name__].split()

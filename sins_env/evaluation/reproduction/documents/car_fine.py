@@ -64,7 +64,7 @@ def _line(
     label: str, task: EvaluationTask, solver: str, read: Reader, printed: float | None = None, **settings: Any
 ) -> Line:
     figure = None if printed is None else Printed(printed, RECORDS, about_mean=True)
-    quick = solver not in PARTICLES and not settings  # what is as in the thesis, and not slow
+    quick = solver not in PARTICLES and not settings  # a first look shows what the thesis has and is not slow
     return Line(label, task, solver, read, {**AS_THESIS, **settings}, figure, quick=quick)
 
 
