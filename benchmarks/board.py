@@ -23,7 +23,7 @@ import numpy as np
 
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.store.key import Key
-from sins_env.evaluation.store.rows import criteria_text
+from sins_env.evaluation.store.rows import criteria_json
 from sins_env.evaluation.store.schema import COLUMNS
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks.catalogue import get_task
@@ -41,7 +41,7 @@ def make_file(path: Path, tasks: Sequence[str] = TASKS, solvers: int = 40, runs:
         db.execute("BEGIN")
         for name in tasks:
             task = get_task(name)
-            criteria = criteria_text(Criteria.of(task, task.make(1).unwrapped.task))  # type: ignore[attr-defined]
+            criteria = criteria_json(Criteria.of(task, task.make(1).unwrapped.task))  # type: ignore[attr-defined]
             db.execute("INSERT INTO tasks (task, criteria) VALUES (?, ?)", (name, criteria))
             shared = rng.normal(0, 4e-3, (runs, 1))
             for i in range(solvers):

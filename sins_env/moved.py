@@ -78,7 +78,7 @@ MOVED = {
     "sins_env.evaluation.rows": (
         "sins_env.evaluation.store.rows sins_env.evaluation.store.schema sins_env.evaluation.store.key"
     ),
-    "sins_env.evaluation.scoring": "sins_env.evaluation.play.scoring",
+    "sins_env.evaluation.scoring": "sins_env.evaluation.play.records sins_env.evaluation.play.errors",
     "sins_env.evaluation.spawning": "sins_env.evaluation.estimators.processes",
     "sins_env.evaluation.stored": "sins_env.cli.verbs.stored",
     "sins_env.evaluation.svg": "sins_env.evaluation.report.svg",

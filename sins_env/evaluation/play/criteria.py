@@ -19,6 +19,7 @@ AXES = ("E", "N", "U")
 COMPONENTS = (
     "phi_e", "phi_n", "phi_u", "vel_e", "vel_n", "vel_u", "pos_e", "pos_n", "pos_u", "heading", "pitch", "roll",
 )  # fmt: skip
+COMPONENT_UNITS = ("rad",) * 3 + ("m/s",) * 3 + ("m",) * 3 + ("rad",) * 3
 WORST = np.concatenate([WORST_PHI, WORST_VEL, WORST_POS, np.full(3, np.pi)])
 NEES_AT = (0.25, 0.5, 0.75, 1.0)  #: parts of the fine phase at which the consistency is taken
 STEADY_LEAST_S, STEADY_PART = 60.0, 0.2

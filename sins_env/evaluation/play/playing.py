@@ -23,8 +23,8 @@ from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.estimators.guard import EstimatorError, Guard
 from sins_env.evaluation.estimators.isolation import Isolated
 from sins_env.evaluation.play.criteria import Criteria
-from sins_env.evaluation.play.records import Records
-from sins_env.evaluation.play.scoring import Scorer, euler_errors, nees
+from sins_env.evaluation.play.errors import euler_errors, nees
+from sins_env.evaluation.play.records import Records, Scorer
 from sins_env.evaluation.tasks.task import EvaluationTask, is_scored, solver_rng
 
 Tick = Callable[[int], None]  #: run-epochs done so far

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sqlite3
 import zlib
 from collections.abc import Iterator
@@ -9,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
-from sins_env.evaluation.store.schema import MIGRATIONS, SCHEMA, SCHEMA_VERSION
+from sins_env.evaluation.store.schema import MIGRATIONS, REINDEX, SCHEMA, SCHEMA_VERSION
 
 APPLICATION_ID = 0x53494E53  #: "SINS"
 BUSY_S = 30.0
@@ -106,11 +107,10 @@ class Database:
 
 def _migrate(db: sqlite3.Connection) -> None:
     """Bring the tables to the present schema, step by step."""
-    (version,) = db.execute("PRAGMA user_version").fetchone()
-    while version in MIGRATIONS:
-        for statement in MIGRATIONS[version]:
-            db.execute(statement)
-        version += 1
+    (found,) = db.execute("PRAGMA user_version").fetchone()
+    steps = [MIGRATIONS[version] for version in range(found, SCHEMA_VERSION)]
+    for statement in [*itertools.chain.from_iterable(steps), *(REINDEX if steps else ())]:
+        db.execute(statement)
     db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 

@@ -13,35 +13,38 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sins_env.evaluation.store.key import Key
-from sins_env.evaluation.store.schema import COLUMNS, KEY, SPAN_COLUMNS
+from sins_env.evaluation.store.schema import KEY, SCORES, SPANS, TOLD
 from sins_env.evaluation.store.store import Store
 
 FORMATS = ("csv", "json", "parquet")
-_LEFT_OUT = ("session", "settings_hash")
-_WHOLE = ("run", "repairs", "fallbacks")
-_WORDS = (*(name for name in KEY if name != "run"), "settings", "status", "reason", "traceback")
-_READ = [name for name in COLUMNS if name not in _LEFT_OUT]
+_KIND_OF = {"run": "count"}  #: of the columns that are not of a record's fields; the others are words
 
 
-def _with_unit(name: str) -> str:
-    if name in _WHOLE or name in _WORDS or name.startswith("nees"):
-        return name
-    if name.startswith(("t_conv", "step_s")):
-        return name if name.endswith("_s") else f"{name}_s"
-    kind = next((unit for part, unit in (("_vel_", "mps"), ("_pos_", "m")) if part in name), "rad")
-    return f"{name}_{kind}"
+class _Column(NamedTuple):
+    """A column of the results file, and of an export."""
+
+    name: str
+    heading: str
+    kind: str
+
+
+def _columns(navigates: bool) -> list[_Column]:
+    key = [name for name in KEY if name != "settings_hash"]
+    head = [_Column(name, name, _KIND_OF.get(name, "word")) for name in [*key, "settings"]]
+    fields = [*TOLD, *SCORES, *(SPANS if navigates else ())]
+    return head + [
+        _Column(name, heading, one.kind)
+        for one in fields
+        for name, heading in zip(one.columns, one.headings, strict=True)
+    ]
 
 
 def headings(navigates: bool) -> list[str]:
     """Names of the columns, with units; those of navigation follow where any of the tasks navigates."""
-    return [_with_unit(name) for name in _columns(navigates)]
-
-
-def _columns(navigates: bool) -> list[str]:
-    return [*_READ, *(SPAN_COLUMNS if navigates else ())]
+    return [column.heading for column in _columns(navigates)]
 
 
 def export(store: Store, keys: Iterable[Key], form: str, path: str | Path) -> int:
@@ -54,7 +57,8 @@ def export(store: Store, keys: Iterable[Key], form: str, path: str | Path) -> in
         raise ValueError(f"format {form!r}; allowed: {', '.join(FORMATS)}")
     wanted = list(keys)
     columns = _columns(any(store.navigates(key.task) for key in wanted))
-    rows = (row for key in wanted for row in store.rows(key, columns))
+    names = [column.name for column in columns]
+    rows = (row for key in wanted for row in store.rows(key, names))
     return {"csv": _csv, "json": _json, "parquet": _parquet}[form](columns, rows, Path(path))
 
 
@@ -71,18 +75,18 @@ def check_parquet() -> Any:
         raise ValueError("Parquet needs pyarrow, which is not installed: pip install 'sins-env[data]'") from error
 
 
-def _csv(columns: Sequence[str], rows: Iterator[tuple[Any, ...]], path: Path) -> int:
+def _csv(columns: Sequence[_Column], rows: Iterator[tuple[Any, ...]], path: Path) -> int:
     count = itertools.count()
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(map(_with_unit, columns))
+        writer.writerow(column.heading for column in columns)
         writer.writerows(row for row, _ in zip(rows, count, strict=False))
     return next(count)
 
 
-def _json(columns: Sequence[str], rows: Iterator[tuple[Any, ...]], path: Path) -> int:
+def _json(columns: Sequence[_Column], rows: Iterator[tuple[Any, ...]], path: Path) -> int:
     """A list of objects, one per line; settings as an object."""
-    count, heads = 0, [_with_unit(name) for name in columns]
+    count, heads = 0, [column.heading for column in columns]
     place = heads.index("settings")
     with open(path, "w", encoding="utf-8") as file:
         file.write("[")
@@ -95,11 +99,14 @@ def _json(columns: Sequence[str], rows: Iterator[tuple[Any, ...]], path: Path) -
     return count
 
 
-def _parquet(columns: Sequence[str], rows: Iterator[tuple[Any, ...]], path: Path) -> int:
+def _parquet(columns: Sequence[_Column], rows: Iterator[tuple[Any, ...]], path: Path) -> int:
     arrow = check_parquet()
-    kinds = [arrow.int64() if n in _WHOLE else arrow.string() if n in _WORDS else arrow.float64() for n in columns]
+    kinds = {"count": arrow.int64(), "number": arrow.float64()}
     given = list(zip(*rows, strict=True)) or [()] * len(columns)
-    arrays = [arrow.array(column, type=kind) for column, kind in zip(given, kinds, strict=True)]
-    table = arrow.Table.from_arrays(arrays, names=[_with_unit(name) for name in columns])
+    arrays = [
+        arrow.array(values, type=kinds.get(column.kind, arrow.string()))
+        for values, column in zip(given, columns, strict=True)
+    ]
+    table = arrow.Table.from_arrays(arrays, names=[column.heading for column in columns])
     arrow.parquet.write_table(table, path)
     return len(given[0])

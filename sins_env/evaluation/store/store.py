@@ -28,19 +28,20 @@ from sins_env.evaluation.store.database import Database, StoreError
 from sins_env.evaluation.store.key import Key, canonical
 from sins_env.evaluation.store.rows import (
     binding,
+    bound_json,
     bound_of,
-    bound_text,
+    criteria_json,
     criteria_of,
-    criteria_text,
+    definition_json,
     definition_of,
-    definition_text,
-    numbers_of,
+    parted,
+    scores_of,
     to_blob,
     to_records,
     to_row,
     to_span,
 )
-from sins_env.evaluation.store.schema import COLUMNS, KEY, SPAN_COLUMNS, TROUBLE
+from sins_env.evaluation.store.schema import COLUMNS, KEY, SPAN_COLUMNS, SPANS, TOLD, TROUBLE, columns_of
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.fingerprint import digest
 from sins_env.evaluation.tasks.task import EvaluationTask
@@ -48,6 +49,8 @@ from sins_env.evaluation.tasks.task import EvaluationTask
 _OF_KEY = " AND ".join(f"{name} = ?" for name in KEY[:-1])
 _WITH_SPANS = "runs LEFT JOIN spans USING (id)"
 _WITH_HISTORIES = "runs LEFT JOIN histories USING (id)"
+_INSERT_SPAN = f"""INSERT OR REPLACE INTO spans (id, {", ".join(SPAN_COLUMNS)})
+    VALUES ({", ".join("?" * (1 + len(SPAN_COLUMNS)))})"""
 
 
 class Session(NamedTuple):
@@ -80,15 +83,14 @@ class Store(Database):
             session = self._of_session()
             sql = "INSERT INTO tasks (task, criteria) VALUES (?, ?)"
             sql += " ON CONFLICT DO UPDATE SET criteria = coalesce(criteria, excluded.criteria)"
-            self._db.execute(sql, (key.task, criteria_text(records.criteria)))
+            self._db.execute(sql, (key.task, criteria_json(records.criteria)))
             sql = f"INSERT OR IGNORE INTO runs ({', '.join(COLUMNS)}) VALUES ({marks}) RETURNING id"
             for run in map(records.row, range(len(records))):
                 new = self._db.execute(sql, to_row(key, session, run)).fetchone()
                 if new:
                     self._db.execute("INSERT OR REPLACE INTO histories VALUES (?, ?)", (*new, to_blob(run["history"])))
                     if records.criteria.navigates:
-                        of_span = ", ".join("?" * (1 + len(SPAN_COLUMNS)))
-                        self._db.execute(f"INSERT OR REPLACE INTO spans VALUES ({of_span})", to_span(new[0], run))
+                        self._db.execute(_INSERT_SPAN, to_span(new[0], run))
 
     def add_task(self, task: EvaluationTask) -> None:
         """Write what a table needs of a task, so that it can be made from the file alone.
@@ -96,8 +98,8 @@ class Store(Database):
         Raises:
             ValueError: the file has runs of another task of that name, or of another world.
         """
-        now, present = definition_text(task), digest(task)
-        bound = bound_text(bounds.find(task))
+        now, present = definition_json(task), digest(task)
+        bound = bound_json(bounds.find(task))
         with self._errors(), self._transaction():
             sql = "SELECT definition, digest FROM tasks WHERE task = ?"
             held, before = self._db.execute(sql, (task.name,)).fetchone() or (None, None)
@@ -179,18 +181,19 @@ class Store(Database):
         length 0 but where the task navigates, whose tables need them.
         """
         criteria = self._criteria(key.task)
+        scores = scores_of(whole)
         with self._errors():
-            numbers = self._read("runs", numbers_of(whole), key, runs)
+            numbers = self._read("runs", columns_of(scores), key, runs)
             spans = self._read(_WITH_SPANS, SPAN_COLUMNS, key, runs) if criteria.navigates else None
-            sql = f"SELECT run, status, reason, traceback, repairs, fallbacks FROM runs WHERE {_OF_KEY} AND ({TROUBLE})"
+            sql = f"SELECT run, {', '.join(columns_of(TOLD))} FROM runs WHERE {_OF_KEY} AND ({TROUBLE})"
             odd = {run: told for run, *told in self._db.execute(sql, key.values)}
             blobs = None
             if whole or criteria.navigates:
                 blobs = [blob or b"" for _, blob in self._read(_WITH_HISTORIES, ["history"], key, runs)]
         with self._damage(f"rows of {key.solver} on {key.task}"):
-            given = _array(numbers, numbers_of(whole))
-            of_spans = given[:, :0] if spans is None else _array(spans, SPAN_COLUMNS)[:, 1:]
-            records = to_records(given, odd, of_spans, criteria, blobs)
+            known = parted(_array(numbers, columns_of(scores))[:, 1:], scores)
+            known |= {} if spans is None else parted(_array(spans, SPAN_COLUMNS)[:, 1:], SPANS)
+            records = to_records([row[0] for row in numbers], odd, known, criteria, blobs)
         task, bound = self._task(key.task)
         return Results(task, key.solver, json.loads(key.settings), key.suite, records, self._cost(key), bound)
 

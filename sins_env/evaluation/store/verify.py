@@ -17,11 +17,12 @@ import numpy as np
 from sins_env.arrays import Array
 from sins_env.evaluation import monte_carlo
 from sins_env.evaluation.estimators import version
-from sins_env.evaluation.play.criteria import AXES, COMPONENTS, DIVERGED_SIGMAS, NEES_AT, Criteria
+from sins_env.evaluation.play.criteria import AXES, COMPONENTS, DIVERGED_SIGMAS, Criteria
 from sins_env.evaluation.play.executors import Runner
-from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.play.fields import NEES_PARTS, Field
+from sins_env.evaluation.play.records import FIELDS, Records
 from sins_env.evaluation.store.key import Key
-from sins_env.evaluation.store.rows import binding, definition_text
+from sins_env.evaluation.store.rows import binding, definition_json
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks.catalogue import TASKS
 from sins_env.evaluation.tasks.fingerprint import digest
@@ -29,7 +30,6 @@ from sins_env.evaluation.tasks.task import suite_hash
 
 TOLERANCE = 1e-9  #: relative; of a navigation task, where batches round otherwise, to the spread of the start at least
 NEES_SIZE = 1e4  #: there it is an error so rounded over a standard deviation that is so many times smaller
-_ERRORS = ("hold_max", "steady_mean", "steady_std", "steady_rms", "final")
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def _change(store: Store, name: str) -> str:
     if before not in (None, now):
         return f"{name}: its world has changed, digest {before} stored, {now} now"
     held = store.definition_of(name)
-    if held is not None and binding(held) != binding(definition_text(TASKS[name])):
+    if held is not None and binding(held) != binding(definition_json(TASKS[name])):
         return f"{name}: its definition has changed"
     return ""
 
@@ -133,26 +133,30 @@ def compare_runs(stored: Records, now: Records) -> list[str]:
 
 
 def _difference(stored: dict[str, Any], now: dict[str, Any], criteria: Criteria) -> str:
-    for name in ("status", "repairs", "fallbacks"):
-        if stored[name] != now[name]:
-            return f"{name} {stored[name]} stored, {now[name]} now"
-    start = _start(criteria)
-    size = np.maximum(np.nan_to_num(stored["steady_rms"]), start[:3])  # of errors that nearly cancel, as a mean may
-    for name in _ERRORS:
-        for j, axis in enumerate(AXES):
-            text = _unequal(f"{name} {axis}", stored[name][j], now[name][j], size[j])
-            if text:
-                return f"{text} rad"
-    for name in ("span_rms", "span_final"):
-        for component, before, after, least in zip(COMPONENTS, stored[name], now[name], start, strict=False):
-            if text := _unequal(f"{name} {component}", before, after, least):
+    for one in FIELDS.values():
+        if not one.compared:
+            continue
+        if one.kind != "number":
+            if stored[one.name] != now[one.name]:
+                return f"{one.name} {stored[one.name]} stored, {now[one.name]} now"
+            continue
+        before, after = (np.atleast_1d(run[one.name]) for run in (stored, now))
+        sizes = _sizes(one, before, stored, criteria)
+        for heading, *values in zip(one.headings, before, after, sizes, strict=False):  # some tasks have no such field
+            if text := _unequal(heading, *values):
                 return text
-    others = [(f"t_conv {axis}", stored["t_conv"][j], now["t_conv"][j], 0.0) for j, axis in enumerate(AXES)]
-    others += [("heading", stored["heading"], now["heading"], start[2])]
-    for name, what in (("nees", "nees at"), ("nees_all", "nees of all at")):
-        values = zip(NEES_AT, stored[name], now[name], strict=True)
-        others += [(f"{what} {part:.0%}", x, y, NEES_SIZE * x * criteria.navigates) for part, x, y in values]
-    return next(filter(None, (_unequal(*other) for other in others)), "")
+    return ""
+
+
+def _sizes(one: Field, before: Array, stored: dict[str, Any], criteria: Criteria) -> Array:
+    """What the rounding of each part is held against, if that is more than the part itself."""
+    if one.components:
+        start = _start(criteria)
+        size = start.copy()  # of errors that nearly cancel, as a mean may, it is that of the terms
+        size[: len(AXES)] = np.maximum(np.nan_to_num(stored["steady_rms"]), start[: len(AXES)])
+        return size[[COMPONENTS.index(name) for name in one.components]]
+    nees = one.parts == NEES_PARTS and criteria.navigates
+    return NEES_SIZE * before if nees else np.zeros(one.width)
 
 
 def _start(criteria: Criteria) -> Array:

@@ -16,7 +16,7 @@ from scipy import stats
 from sins_env.evaluation import evaluate, get_task, run_episode
 from sins_env.evaluation.bound import bounds, cache
 from sins_env.evaluation.play.criteria import Criteria
-from sins_env.evaluation.play.scoring import score
+from sins_env.evaluation.play.records import score
 from sins_env.evaluation.score import metrics, paired
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show import cells, error_figure, footer, numbers, plain_tables, run_figure, terminal_tables

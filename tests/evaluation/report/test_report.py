@@ -13,7 +13,7 @@ import pytest
 
 from sins_env.cli.main import main
 from sins_env.evaluation.play.criteria import Criteria
-from sins_env.evaluation.play.scoring import score
+from sins_env.evaluation.play.records import score
 from sins_env.evaluation.report import figures, panel, svg, tables
 from sins_env.evaluation.report import page as report
 from sins_env.evaluation.score import ranking

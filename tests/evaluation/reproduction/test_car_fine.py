@@ -11,7 +11,7 @@ from sins_env import attitude
 from sins_env.evaluation import evaluate
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.play.criteria import Criteria
-from sins_env.evaluation.play.scoring import score
+from sins_env.evaluation.play.records import score
 from sins_env.evaluation.reproduction import get_table, running
 from sins_env.evaluation.reproduction.documents import car_fine, car_interference
 from sins_env.evaluation.reproduction.readings import car as readings

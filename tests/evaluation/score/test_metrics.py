@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from sins_env.evaluation import get_task
-from sins_env.evaluation.play import scoring
+from sins_env.evaluation.play import errors
 from sins_env.evaluation.play.criteria import MAX_HISTORY, Criteria
-from sins_env.evaluation.play.records import Records
-from sins_env.evaluation.play.scoring import Scorer, score
+from sins_env.evaluation.play.records import Records, Scorer, score
 from sins_env.evaluation.score import consistency, metrics, resampling
 from sins_env.units import ARCSEC
 
@@ -220,9 +219,9 @@ def test_nees_against_a_dense_inverse():
     P = A @ np.swapaxes(A, -1, -2) + 0.1 * np.eye(3)
     e = rng.normal(size=(500, 3))
     dense = np.array([x @ np.linalg.inv(C) @ x for x, C in zip(e, P, strict=True)])
-    np.testing.assert_allclose(scoring.nees(e, P), dense, rtol=1e-9)
+    np.testing.assert_allclose(errors.nees(e, P), dense, rtol=1e-9)
     bad = np.stack([np.zeros((3, 3)), -np.eye(3), np.full((3, 3), np.nan), np.eye(3)])
-    np.testing.assert_array_equal(scoring.nees(np.ones((4, 3)), bad), [np.inf, np.inf, np.inf, 3.0])
+    np.testing.assert_array_equal(errors.nees(np.ones((4, 3)), bad), [np.inf, np.inf, np.inf, 3.0])
 
 
 def test_nees_band_holds_95_percent():

@@ -9,7 +9,7 @@ from scipy import stats
 
 from sins_env.evaluation import compare
 from sins_env.evaluation.play.criteria import Criteria
-from sins_env.evaluation.play.scoring import score
+from sins_env.evaluation.play.records import score
 from sins_env.evaluation.score import paired, ranking, resampling
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.tasks.catalogue import get_task

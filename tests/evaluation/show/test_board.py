@@ -12,7 +12,7 @@ from rich.console import Console
 
 from sins_env.cli.output import save_figure
 from sins_env.evaluation.play.criteria import Criteria
-from sins_env.evaluation.play.scoring import score
+from sins_env.evaluation.play.records import score
 from sins_env.evaluation.score import ranking
 from sins_env.evaluation.score.consistency import Nees, nees_band
 from sins_env.evaluation.score.results import Results

@@ -10,8 +10,7 @@ from evaluation.score.test_navigation import CRITERIA, FLIGHT, errors_of, solver
 from sins_env.cli.verbs.run import _spans
 from sins_env.evaluation import compare, evaluate
 from sins_env.evaluation.play.criteria import Criteria
-from sins_env.evaluation.play.records import Records
-from sins_env.evaluation.play.scoring import score
+from sins_env.evaluation.play.records import Records, score
 from sins_env.evaluation.report import tables
 from sins_env.evaluation.report.figures import drawings
 from sins_env.evaluation.report.panel import Task

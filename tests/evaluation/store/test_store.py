@@ -330,7 +330,7 @@ _WRITER = """
 import sys
 import numpy as np
 from sins_env.evaluation.play.criteria import Criteria
-from sins_env.evaluation.play.scoring import score
+from sins_env.evaluation.play.records import score
 from sins_env.evaluation.store.store import Key, Store
 criteria = Criteria(0.1, 50, 0, np.ones(3), np.ones(3), 1.0)
 key = Key.of("sway-white-v0", "s", sys.argv[2], {}, "1")

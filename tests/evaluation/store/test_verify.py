@@ -63,13 +63,13 @@ def test_what_is_as_stored(short):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ("final_u = final_u * (1 + 3e-9)", "run 3: final U "),
-        ("t_conv_e = 4.0", "run 3: t_conv E 4 stored, "),
-        ("heading = NULL", "run 3: heading nan stored, "),
+        ("final_u = final_u * (1 + 3e-9)", "run 3: final_u_rad "),
+        ("t_conv_e = 4.0", "run 3: t_conv_e_s 4 stored, "),
+        ("heading = NULL", "run 3: heading_rad nan stored, "),
         ("status = 'diverged', reason = 'x'", "run 3: status diverged stored, ok now"),
         ("repairs = 2", "run 3: repairs 2 stored, 0 now"),
-        ("nees_50 = 3.0", "run 3: nees at 50% 3 stored, "),
-        ("steady_mean_n = -steady_mean_n", "run 3: steady_mean N "),
+        ("nees_50 = 3.0", "run 3: nees_50 3 stored, "),
+        ("steady_mean_n = -steady_mean_n", "run 3: steady_mean_n_rad "),
     ],
 )
 def test_a_changed_score_is_found(short, change, text):
@@ -128,7 +128,7 @@ def test_the_command(short, capsys, monkeypatch):
     tamper("UPDATE runs SET final_e = 1.0 WHERE run = 1")
     assert main(["verify", "--workers", "1"]) == 1
     err = capsys.readouterr().err.splitlines()
-    assert "run 1: final E 1 stored, " in err[0]
+    assert "run 1: final_e_rad 1 stored, " in err[0]
     assert err[-1] == "sins-env: results.sqlite: 1 differences in 3 runs"
     tamper("UPDATE runs SET code = 'old'")
     assert main(["verify", "--workers", "1"]) == 1

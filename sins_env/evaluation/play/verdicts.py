@@ -1,0 +1,46 @@
+"""What becomes of a run, in a word and a line: whether it has diverged, and by which error."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env.arrays import Array
+from sins_env.evaluation.play.criteria import Criteria
+
+STATUSES = ("ok", "diverged", "frozen", "raised", "lost")
+FAILED_EPOCH = "non-finite or zero action"  #: how the reason of a run with failed epochs begins
+_NAMES = (
+    "east",
+    "north",
+    "azimuth",
+    *(f"{axis} {kind}" for kind in ("velocity", "position") for axis in ("east", "north", "vertical")),
+)
+_UNITS = ("deg",) * 3 + ("m/s",) * 3 + ("m",) * 3
+
+
+def verdicts(
+    criteria: Criteria, failed_at: NDArray[np.int64], diverged_at: NDArray[np.int64], final: Array
+) -> tuple[NDArray[np.str_], tuple[str, ...]]:
+    """Status and reason of each run, from its first failed epoch, the epochs of its limits, and its errors at the end."""
+    reasons = []
+    for failed, diverged, last in zip(failed_at, diverged_at, final, strict=True):
+        axes = [j for j in range(len(criteria.limit)) if diverged[j] > 0 and criteria.scored]
+        if failed > 0:
+            reasons.append(f"{FAILED_EPOCH} at {failed * criteria.epoch_s:.1f} s")
+        elif axes:
+            j = min(axes, key=lambda axis: int(diverged[axis]))
+            at = diverged[j] * criteria.epoch_s
+            reasons.append(f"{_NAMES[j]} error beyond {_limit(criteria, j)} at {at:.1f} s")
+        elif criteria.scored and abs(last[2]) > criteria.final_limit:
+            reasons.append(f"azimuth error beyond {math.degrees(criteria.final_limit):.3g} deg at the end")
+        else:
+            reasons.append("")
+    return np.array(["diverged" if reason else "ok" for reason in reasons]), tuple(reasons)
+
+
+def _limit(criteria: Criteria, j: int) -> str:
+    limit = float(criteria.limit[j])
+    return f"{math.degrees(limit) if j < 3 else limit:.3g} {_UNITS[j]}"
