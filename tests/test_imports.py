@@ -1,5 +1,6 @@
 """What an import brings along, and that Gymnasium knows the environments in whichever order the two are imported."""
 
+import ast
 import os
 import subprocess
 import sys
@@ -12,6 +13,8 @@ import pytest
 from sins_env.envs import ENV_IDS, environments
 
 ROOT = Path(__file__).resolve().parents[1]
+SOURCES = sorted((ROOT / "sins_env").rglob("*.py")) + sorted((ROOT / "solvers").rglob("*.py"))
+SLOW = ("filterpy", "matplotlib", "scipy", "yaml")
 HEAVY = ("gymnasium", "matplotlib", "rich", "filterpy", "yaml", "scipy.stats")
 MAKE = "assert gymnasium.make('SINS/AlignSway-v0', start='told', duration=1.0).reset(seed=1)"
 
@@ -74,3 +77,17 @@ def test_a_class_is_all_that_an_environment_needs():
         assert spec.vector_entry_point == f"sins_env.envs.environments:{cls.__name__.removesuffix('Env')}VectorEnv"
         assert gymnasium.envs.registration.EnvSpec.from_json(spec.to_json()).id == cls.env_id
     assert {cls.env_id for cls in classes} == set(ENV_IDS)
+
+
+def test_imports_inside_functions_have_their_reason():
+    """Slow packages alone, each with a comment; of the project's own modules none but in the command's main."""
+    for path in SOURCES:
+        text = path.read_text()
+        functions = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)]
+        inside = [n for f in functions for n in ast.walk(f) if isinstance(n, ast.Import | ast.ImportFrom)]
+        said = {n.lineno for n in inside if "#" in text.splitlines()[n.lineno - 1]}
+        for node in inside:
+            package = (node.module if isinstance(node, ast.ImportFrom) else node.names[0].name).partition(".")[0]
+            where = f"{path.relative_to(ROOT)}, line {node.lineno}"
+            assert package in SLOW or path == ROOT / "sins_env" / "cli" / "main.py", where
+            assert {node.lineno, node.lineno - 1} & said, f"{where}: no reason"

@@ -207,7 +207,7 @@ def resampled(t: Array, increments: Array, rate: float, hz: float) -> Clocked:
     Raises:
         ValueError: a rate that is none, or a sample longer than the recording.
     """
-    from scipy.interpolate import CubicSpline
+    from scipy.interpolate import CubicSpline  # slow to import
 
     check_hz("resample_hz", hz)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(t) > GAP / rate) + 1, [len(t)]])

@@ -1,4 +1,4 @@
-"""Figures of sensors and flights. Matplotlib's Agg canvas and no pyplot, so that nothing is kept between figures."""
+"""Figures of sensors and flights."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sins_env.arrays import Array
+from sins_env.evaluation.show.style import new_figure
 from sins_env.recordings import Recording, seconds
 from sins_env.sensors.allan import Allan, Budget, allan_deviation, expected_allan
 from sins_env.sensors.imu import Imu
@@ -47,17 +48,13 @@ def allan_figure(
     Raises:
         ValueError: a spec without a generator, or a window outside the recording or over a gap.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to import, needed only to draw
-    from matplotlib.figure import Figure
-
     if isinstance(subject, Recording):
         rate, increments = subject.rate_hz, _cut(subject, window)
     elif rng is None:
         raise ValueError("rng is missing; allowed: a numpy Generator, for a simulated sensor")
     else:
         rate, increments, datasheet = RATE_HZ, simulate_at_rest(subject, rng), subject
-    figure = Figure(figsize=(11.0, 4.8), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(11.0, 4.8, dpi=110)
     axes = figure.subplots(1, 2)
     measured = [allan_deviation(part, 1.0 / rate) for part in increments]
     budgets: tuple[Budget | None, Budget | None] = (None, None)
@@ -116,13 +113,9 @@ def _draw(ax: Axes, allan: Allan, budget: Budget | None, scale: float) -> None:
 
 def flight_figure(plan: FlightPlan, title: str) -> Figure:
     """Ground track, height, speed and attitude over time; dots and lines where segments meet."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     t, segment, at, moved = plan.track()
     corners = np.flatnonzero(np.diff(segment)) + 1
-    figure = Figure(figsize=(11.0, 6.6), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(11.0, 6.6, dpi=110)
     grid = figure.add_gridspec(3, 2)
     track = figure.add_subplot(grid[:, 0])
     east, north = moved[:, 0] / 1e3, moved[:, 1] / 1e3

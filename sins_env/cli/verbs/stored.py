@@ -1,7 +1,4 @@
-"""Verbs of ``sins-env`` that read a results file: board, report, compare, export, verify; and the hash of a suite's seed.
-
-Modules that one verb alone needs are imported by that verb, so that ``board`` starts without them.
-"""
+"""Verbs of ``sins-env`` that read a results file: board, report, compare, export, verify; and the hash of a suite's seed."""
 
 from __future__ import annotations
 
@@ -13,9 +10,15 @@ from rich.console import Console
 from sins_env.checks import unknown
 from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
 from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.play.executors import runner
 from sins_env.evaluation.play.progress import Bar
+from sins_env.evaluation.report import page as pages
+from sins_env.evaluation.score import paired
+from sins_env.evaluation.show import error_figure, terminal_tables
 from sins_env.evaluation.show import plain_tables as boards
-from sins_env.evaluation.show import terminal_tables
+from sins_env.evaluation.show.templates import check_jinja2
+from sins_env.evaluation.store import export as exports
+from sins_env.evaluation.store import verify as verification
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks.task import seed_hash
@@ -54,17 +57,12 @@ def board(given: Namespace, console: Console) -> int:
     else:
         terminal_tables.print_tables(results, console)
     if given.plot and results:
-        from sins_env.evaluation.show import error_figure
-
         save_figure(error_figure.error_figure(results), given.plot)
     return 0
 
 
 def report(given: Namespace, console: Console) -> int:
     """The page from the file alone."""
-    from sins_env.evaluation.report import page as pages
-    from sins_env.evaluation.show.templates import check_jinja2
-
     path = Path(given.html)
     if not path.resolve().parent.is_dir():
         raise ValueError(f"--html {path}: the directory does not exist")
@@ -82,8 +80,6 @@ def report(given: Namespace, console: Console) -> int:
 
 def compare(given: Namespace, console: Console) -> int:
     """Two solvers of a results file, over the runs that both have."""
-    from sins_env.evaluation.score import paired
-
     with Store(given.db, read_only=True) as store:
         chosen = _chosen(Namespace(task=[given.task], solver=[given.solver, given.reference], db=given.db), store)
         pairs = [
@@ -105,8 +101,6 @@ def compare(given: Namespace, console: Console) -> int:
 
 def export(given: Namespace, console: Console) -> int:
     """Every run of the file, or of the tasks and solvers asked for."""
-    from sins_env.evaluation.store import export as exports
-
     form = next(name for name in exports.FORMATS if getattr(given, name))
     path = Path(getattr(given, form))
     if not path.resolve().parent.is_dir():
@@ -121,9 +115,6 @@ def export(given: Namespace, console: Console) -> int:
 
 def verify(given: Namespace, console: Console) -> int:
     """Random rows once more."""
-    from sins_env.evaluation.play.executors import runner
-    from sins_env.evaluation.store import verify as verification
-
     with Store(given.db, read_only=True) as store:
         keys = _chosen(given, store)
         apart = not all(map(finding.is_own, {key.solver for key in keys}))

@@ -9,6 +9,7 @@ import numpy as np
 from sins_env import attitude
 from sins_env.arrays import Array
 from sins_env.evaluation.replay.replaying import ANGLES, Replay, mean_angle
+from sins_env.evaluation.show.style import new_figure
 from sins_env.recordings import seconds
 
 if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
@@ -23,12 +24,8 @@ _COLOUR, REFERENCE, _SPREAD = "#0072B2", "0.15", "#D55E00"
 
 def replay_figure(one: Replay) -> Figure:
     """Each angle over time in every window, with the reference, and beside it the spread over the windows."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     several = sum(not why for why in one.failed) > 1
-    out = Figure(figsize=(12.0 if several else 9.0, 7.6), layout="constrained")
-    FigureCanvasAgg(out)
+    out = new_figure(12.0 if several else 9.0, 7.6)
     panels = out.subplots(3, 2 if several else 1, sharex=True, squeeze=False, width_ratios=[2, 1] if several else [1])
     for j, name in enumerate(ANGLES):
         _draw_angle(panels[j, 0], one, j, name)
@@ -104,7 +101,7 @@ def window_label(one: Replay, i: int) -> str | None:
 
 def colours(count: int) -> Any:
     """One per window, in order of time."""
-    import matplotlib
+    import matplotlib  # slow to import
 
     return [_COLOUR] if count == 1 else matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, count))
 
@@ -116,7 +113,7 @@ def _draw_spread(axes: Axes, one: Replay, j: int, name: str) -> None:
     axes.set_yscale("log")
     axes.set_title(f"spread of its {of}   at the end {spread[-1]:.3g} deg", fontsize=10, loc="left")
     axes.set_ylabel("deg, 1 sigma")
-    from matplotlib.ticker import FuncFormatter, NullFormatter
+    from matplotlib.ticker import FuncFormatter, NullFormatter  # slow to import
 
     there = spread[np.isfinite(spread) & (spread > 0)]
     if len(there):

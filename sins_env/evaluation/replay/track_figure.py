@@ -11,6 +11,7 @@ from sins_env.arrays import Array
 from sins_env.evaluation.replay.angles_figure import REFERENCE, colours, window_label, windows_text
 from sins_env.evaluation.replay.replaying import Replay
 from sins_env.evaluation.replay.track import Track
+from sins_env.evaluation.show.style import new_figure
 
 if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
     from matplotlib.axes import Axes
@@ -23,13 +24,9 @@ _KINDS = (("velocity error", "m/s"), ("position error", "m"), ("displacement err
 
 def track_figure(one: Replay) -> Figure:
     """The way with reference and fixes; beside it what is wrong with it."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     track = one.track
     assert track is not None
-    out = Figure(figsize=(13.0, 8.4), layout="constrained")
-    FigureCanvasAgg(out)
+    out = new_figure(13.0, 8.4)
     grid = out.add_gridspec(4, 2, width_ratios=[1, 1.25])
     way = out.add_subplot(grid[:, 0])
     panels = [out.add_subplot(grid[0, 1])]

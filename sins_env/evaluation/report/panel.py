@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from sins_env.evaluation.bound.bounds import Bound
 from sins_env.evaluation.report.svg import LOOKS, PAGE, inline
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show.style import STYLES, few_labels
+from sins_env.evaluation.show.style import STYLES, few_labels, new_figure
 
 if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
     from matplotlib.axes import Axes
@@ -67,12 +67,8 @@ class Panel:
     """One figure with one pair of axes."""
 
     def __init__(self, task: Task, name: str) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
         self.task, self.prefix = task, f"{task.prefix}-{name}"
-        self.figure: Figure = Figure(figsize=(WIDTH / 72, HEIGHT / 72), dpi=72, layout="constrained")
-        FigureCanvasAgg(self.figure)
+        self.figure: Figure = new_figure(WIDTH / 72, HEIGHT / 72, dpi=72)
         self.axes: Axes = self.figure.add_subplot()
         self.names: dict[str, str] = {}
 
@@ -90,7 +86,7 @@ class Panel:
 
     def svg(self, title: str, description: str, **settings: Any) -> str:
         """Axes in the page's colours, then the figure."""
-        from matplotlib.ticker import FuncFormatter
+        from matplotlib.ticker import FuncFormatter  # slow to import
 
         axes, ink, grid = self.axes, PAGE["ink"], PAGE["grid"]
         axes.set(**settings)

@@ -34,7 +34,7 @@ def inline(figure: Figure, prefix: str, title: str, description: str, names: Map
 
     ``prefix`` must differ between the figures of a page.
     """
-    import matplotlib
+    import matplotlib  # slow to import
 
     file = io.BytesIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "path.simplify_threshold": 0.2}):

@@ -108,7 +108,7 @@ def _round_above(value: float) -> float:
 
 def _symlog_ticks(axes: Axes, delta: float, phi: Any) -> None:
     """Linear within twice the threshold, logarithmic beyond: zero, the threshold and the decades."""
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator  # slow to import
 
     top = max(float(np.nan_to_num(np.abs(phi)).max(initial=0.0)) * 1.5, 2.5 * delta)
     decades = [10.0**n for n in range(-6, 8) if 1.8 * delta < 10.0**n <= top]

@@ -28,12 +28,12 @@ def style(i: int) -> dict[str, Any]:
     return {"color": COLOURS[i % len(COLOURS)], "linestyle": STYLES[i % len(STYLES)], "linewidth": 1.7}
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Empty, in inches, without pyplot."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+def new_figure(width: float, height: float, dpi: float | None = None) -> Figure:
+    """Make an empty figure of so many inches, without pyplot, which would keep it."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # half a second, which who draws nothing does without
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
@@ -46,7 +46,7 @@ def finish(axes: Axes, title: str, **settings: Any) -> None:
     axes.grid(which="minor", alpha=0.15, linewidth=0.4)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(labelsize=9)
-    from matplotlib.ticker import FuncFormatter
+    from matplotlib.ticker import FuncFormatter  # slow to import
 
     for axis in (axes.xaxis, axes.yaxis):
         if axis.get_scale() == "log":

@@ -126,7 +126,7 @@ def save(recording: Recording, path: Path) -> list[Path]:
     Raises:
         OSError: a file that cannot be written.
     """
-    from scipy.io import savemat
+    from scipy.io import savemat  # slow to import
 
     here = np.flatnonzero(~recording.missing)
     t = recording.t0 + (here + 1) / recording.rate_hz

@@ -31,7 +31,7 @@ from solvers.types import Function, Gaussian, Innovation, Measurement, Transitio
 @cache
 def _filterpy() -> ModuleType:
     """Import filterpy.kalman when it is first used, for it imports matplotlib, which takes half a second."""
-    import filterpy.kalman
+    import filterpy.kalman  # slow, see above
 
     return filterpy.kalman
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sins_env.evaluation.reproduction.pictures.courses import AXES, new_figure
+from sins_env.evaluation.reproduction.pictures.courses import AXES
 from sins_env.evaluation.reproduction.readings.common import errors_at, mean_error, spread_of_error
 from sins_env.evaluation.reproduction.readings.sway import largest
 from sins_env.evaluation.reproduction.tables import Group, Line, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import Print, Printed, PrintedMean, Said
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show.style import COLOURS
+from sins_env.evaluation.show.style import COLOURS, new_figure
 from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.units import ARCSEC, DEG
 

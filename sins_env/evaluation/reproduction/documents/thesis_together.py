@@ -19,12 +19,11 @@ from sins_env.evaluation.reproduction.documents.thesis_filters import (
     WHITE,
     task_of,
 )
-from sins_env.evaluation.reproduction.pictures.courses import new_figure
 from sins_env.evaluation.reproduction.readings.common import bound_at, errors_at
 from sins_env.evaluation.reproduction.tables import Group, Line, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import Estimate, Printed, root_mean_square
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show.style import COLOURS
+from sins_env.evaluation.show.style import COLOURS, new_figure
 from sins_env.units import ARCSEC
 
 if TYPE_CHECKING:

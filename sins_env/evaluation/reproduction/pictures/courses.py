@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sins_env.arrays import Array
 from sins_env.evaluation.reproduction.tables import Picture, Source
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show.style import style
+from sins_env.evaluation.show.style import new_figure, style
 from sins_env.units import ARCSEC
 
 if TYPE_CHECKING:
@@ -75,16 +75,6 @@ def _draw(rows: Rows, until_s: float, results: Sequence[Results]) -> Figure:
     return figure
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure of this size in inches."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
 def _course(axes: Axes, course: Course, band: Results, single: Results, component: int, i: int, until_s: float) -> None:
     t, shown = _shown(band, until_s)
     look = style(i)
@@ -130,7 +120,7 @@ def _scale(axes: Axes, component: int) -> None:
 
 def save(figure: Figure, path: Path) -> None:
     """Save a figure as SVG, with fonts as text and without date, so that equal figures make equal files."""
-    import matplotlib as mpl
+    import matplotlib as mpl  # slow to import
 
     with mpl.rc_context({"svg.hashsalt": path.stem, "svg.fonttype": "none"}):
         figure.savefig(path, metadata={"Date": None})

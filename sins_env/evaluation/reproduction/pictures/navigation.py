@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env.evaluation.reproduction.pictures.courses import new_figure
 from sins_env.evaluation.reproduction.readings.common import armse
 from sins_env.evaluation.reproduction.tables import Picture, Source
 from sins_env.evaluation.reproduction.verdicts import Estimate
 from sins_env.evaluation.score.quantities import QUANTITIES, length
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show.error_figure import error_curve
-from sins_env.evaluation.show.style import few_labels, style
+from sins_env.evaluation.show.style import few_labels, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -157,7 +156,7 @@ def _plain(axes: Axes) -> None:
 
 def _log(column: NDArray[np.object_]) -> None:
     """Set the scale of all panels of a column; intervals of few runs, which reach down to zero, are cut."""
-    from matplotlib.ticker import FuncFormatter
+    from matplotlib.ticker import FuncFormatter  # slow to import
 
     axes = column[0]
     axes.set_yscale("log")

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sins_env.evaluation.reproduction.pictures.courses import new_figure
-from sins_env.evaluation.show.style import style
+from sins_env.evaluation.show.style import new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
