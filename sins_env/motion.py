@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-import numpy as np
-
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Rngs
 from sins_env.types import NavState
 
 
@@ -23,7 +20,7 @@ class Motion(NamedTuple):
 class Trajectory(Protocol):
     """A batch of true motions that yields chunks of epochs."""
 
-    def reset(self, rngs: Sequence[np.random.Generator]) -> NavState:
+    def reset(self, rngs: Rngs) -> NavState:
         """Draw one motion per generator, and return the true states at t = 0, (runs, ...)."""
         ...
 

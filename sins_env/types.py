@@ -5,18 +5,17 @@ See docs/tasks_and_scores.md#environment-contract and docs/tasks_and_scores.md#e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Rngs
 from sins_env.prior import Prior
 from sins_env.specs import GpsSpec, ImuSpec
 
-Rng = np.random.Generator | Sequence[np.random.Generator]
+Rng = np.random.Generator | Rngs
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from sins_env import checks
-from sins_env.arrays import Array, Obs
+from sins_env.arrays import Array, Mask, Obs
 from sins_env.envs.episode import Episode
 from sins_env.envs.rendering import Renderer
 from sins_env.envs.spaces import action_space, observation_space
@@ -181,7 +181,7 @@ class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
             self._renderer.reset(self.task)
         return obs, self._with_masks(info)
 
-    def step(self, actions: Any) -> tuple[Obs, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(self, actions: Any) -> tuple[Obs, Array, Mask, Mask, dict[str, Any]]:
         """Score the actions, (rows, 4) or (rows, 10); the step after the end begins the next episode.
 
         Raises:

@@ -6,14 +6,12 @@ The single and the vector environment both wrap it. See docs/tasks_and_scores.md
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import checks, earth
-from sins_env.arrays import Array, Obs
+from sins_env.arrays import Array, Mask, Obs, Rngs
 from sins_env.envs.reward import failed_epochs, score_attitude, score_navigation
 from sins_env.types import NavState, Task
 from sins_env.worlds.world import World
@@ -39,9 +37,7 @@ class Episode:
         self.task: Task = world.task
         self.k, self.started = 0, False
 
-    def reset(
-        self, rngs: Sequence[np.random.Generator], options: dict[str, Any] | None, squeeze: bool = False
-    ) -> tuple[Obs, dict[str, Any]]:
+    def reset(self, rngs: Rngs, options: dict[str, Any] | None, squeeze: bool = False) -> tuple[Obs, dict[str, Any]]:
         """Begin one run per generator, and return observation 1 and the info with the start.
 
         ``squeeze`` leaves out the run axis of the start in the public task, for the single environment.
@@ -89,7 +85,7 @@ class Episode:
         over = self.k > self.task.num_epochs
         return (self._terminal() if over else self._observe()), reward, over, info
 
-    def _score(self, action: Array) -> tuple[dict[str, Array], Array, NDArray[np.bool_]]:
+    def _score(self, action: Array) -> tuple[dict[str, Array], Array, Mask]:
         failed = failed_epochs(action)
         if not self.world.scored:
             kinds = ("phi", "vel", "pos") if self.task.navigate else ("phi",)

@@ -6,10 +6,9 @@ See docs/tasks_and_scores.md#environment-contract and docs/mathematics/frames.md
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude, earth
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
 from sins_env.types import NavState
 from sins_env.worlds.limits import MAX_SPEED
 
@@ -22,13 +21,13 @@ REWARD_PER_MPS, REWARD_PER_M = 1.0, 0.1
 _HUGE = 1e9  #: limit of an estimate; the distance to a latitude of 1e305 rad would overflow
 
 
-def failed_epochs(action: Array) -> NDArray[np.bool_]:
+def failed_epochs(action: Array) -> Mask:
     """Return which of the actions (runs, 4 or 10) are no estimate: not finite, or with a quaternion of zero norm."""
     finite = np.isfinite(np.max(np.abs(action), axis=-1))
     return ~(finite & (np.max(np.abs(action[..., :4]), axis=-1) > 0))
 
 
-def score_attitude(q_nb: Array, truth: Array, failed: NDArray[np.bool_]) -> tuple[Array, Array]:
+def score_attitude(q_nb: Array, truth: Array, failed: Mask) -> tuple[Array, Array]:
     """Return errors phi (runs, 3), rad, and rewards (runs,) of attitudes (runs, 4), which are normalised.
 
     The reward is minus the angle of the misalignment in degrees. A failed epoch gets the worst errors and reward.
@@ -46,7 +45,7 @@ def score_attitude(q_nb: Array, truth: Array, failed: NDArray[np.bool_]) -> tupl
 
 
 def score_navigation(
-    action: Array, truth: NavState, failed: NDArray[np.bool_], model: earth.Earth
+    action: Array, truth: NavState, failed: Mask, model: earth.Earth
 ) -> tuple[dict[str, Array], Array]:
     """Return errors E, N, U and rewards (runs,) of actions (runs, 10).
 

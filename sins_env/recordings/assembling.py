@@ -13,10 +13,10 @@ from sins_env.recordings.clock import Clocked
 from sins_env.recordings.mapping import Mapping
 from sins_env.recordings.recording import Gnss, Recording, Reference, seconds
 from sins_env.types import Site
+from sins_env.units import DEG
 
 Place = Callable[[int], str]  #: function that tells the place of a row in its file, such as "line 17" or "sample 3"
 
-DEG = np.pi / 180
 LATITUDE = "latitude within 89.9 deg, longitude within 360 deg, height in m"
 
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
 from sins_env.types import Site
 
 LEAST_SATELLITES, MOST_RESIDUAL_M = 6, 0.03  #: limits within which a displacement can be relied on
@@ -43,7 +42,7 @@ class Displacements(NamedTuple):
     residual_m: Array  #: (D,) RMS residual of the equations, m
 
     @property
-    def usable(self) -> NDArray[np.bool_]:
+    def usable(self) -> Mask:
         """Whether a displacement is redundant and consistent, (D,)."""
         return (self.satellites >= LEAST_SATELLITES) & (self.residual_m < MOST_RESIDUAL_M)
 
@@ -80,7 +79,7 @@ class Recording:
         return self.t0 + len(self.dtheta) / self.rate_hz
 
     @property
-    def missing(self) -> NDArray[np.bool_]:
+    def missing(self) -> Mask:
         """Whether a sample is missing, (N,)."""
         return np.isnan(self.dtheta[:, 0])
 

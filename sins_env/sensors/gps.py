@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import attitude, earth
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask, Rngs
 from sins_env.motion import Motion
 from sins_env.sensors.imu import standard_normal
 from sins_env.specs import GpsSpec
 
-Rngs = Sequence[np.random.Generator]
 #: Velocity (runs, epochs, 3) in m/s, position (runs, epochs, 3), and 1 or 0 for a fix or none (runs, epochs, 1).
 Fixes = tuple[Array, Array, NDArray[np.int8]]
 
@@ -41,7 +40,7 @@ def epochs_per_fix(spec: GpsSpec, epoch_s: float) -> int:
     return round(ratio)
 
 
-def received(spec: GpsSpec, t: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
+def received(spec: GpsSpec, t: NDArray[np.floating[Any]]) -> Mask:
     """Return which of the times ``t`` (...), s, lie outside the outages. An outage is open at its start."""
     there = np.ones(t.shape, dtype=bool)
     for start, end in spec.outages_s:
@@ -49,7 +48,7 @@ def received(spec: GpsSpec, t: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
     return there
 
 
-def zero_velocity_fixes(there: NDArray[np.bool_], runs: int, pos: Array) -> Fixes:
+def zero_velocity_fixes(there: Mask, runs: int, pos: Array) -> Fixes:
     """Return zero-velocity updates at the known place ``pos``, in the form of :meth:`Gps.fixes`.
 
     ``there`` (epochs,) says which epochs end with one.
@@ -64,7 +63,7 @@ class ZeroVelocity:
     def __init__(self, spec: GpsSpec, epoch_s: float, pos: Array) -> None:
         self.spec, self._every, self._pos = spec, epochs_per_fix(spec, epoch_s), pos
 
-    def reset(self, streams: Sequence[Sequence[np.random.Generator]]) -> None:
+    def reset(self, streams: Sequence[Rngs]) -> None:
         """Do nothing, for these updates draw no errors."""
 
     def fixes(self, motion: Motion, first_epoch: int) -> Fixes:
@@ -86,7 +85,7 @@ class Gps:
         self._duration = duration_s
         self._lever = np.asarray(spec.lever_arm_m)
 
-    def reset(self, streams: Sequence[Sequence[np.random.Generator]]) -> None:
+    def reset(self, streams: Sequence[Rngs]) -> None:
         """Begin the runs. ``streams`` holds three generators for each: for noise, for outliers and for jumps."""
         self._noise, self._outliers, jumps = zip(*streams, strict=True)
         draws = np.stack([rng.random(2) for rng in jumps])

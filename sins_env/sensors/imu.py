@@ -13,11 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Rngs
 from sins_env.specs import ImuSpec
 from sins_env.units import ARCSEC, DEG_PER_H, PPM, UG
-
-Rngs = Sequence[np.random.Generator]
 
 
 def standard_normal(rngs: Rngs, shape: tuple[int, ...]) -> Array:
@@ -169,7 +167,7 @@ class Imu:
             (script.fixed_bias, script.accel_mean_ug * UG, script.accel_wave),
         )
 
-    def reset(self, streams: Sequence[Sequence[np.random.Generator]]) -> None:
+    def reset(self, streams: Sequence[Rngs]) -> None:
         """Begin the runs. ``streams`` holds six generators for each.
 
         Three are for the gyros, for fixed errors, noise and Markov biases, and then three for the accelerometers.

@@ -9,12 +9,10 @@ See docs/mathematics/simulation.md#flight-truth.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from sins_env import attitude, earth
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Rngs
 from sins_env.motion import Motion
 from sins_env.trajectory.plan import FlightPlan, Kinematics
 from sins_env.types import NavState
@@ -52,7 +50,7 @@ class Flight:
         self._runs = 1
         self._rewind()
 
-    def reset(self, rngs: Sequence[np.random.Generator]) -> NavState:
+    def reset(self, rngs: Rngs) -> NavState:
         """Return the true states at t = 0, (runs, ...). A flight draws nothing; the generators give the number of runs."""
         self._runs = len(rngs)
         self._rewind()

@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
 
 Complex = NDArray[np.complex128]
 
@@ -131,14 +131,12 @@ class Modes:
         if now.any():
             self._add_under_way(now, t, swing, self._row[now] - begin, out)
 
-    def _since(self, h: Complex, at: Array, which: NDArray[np.bool_], t: float) -> Complex:
+    def _since(self, h: Complex, at: Array, which: Mask, t: float) -> Complex:
         """Carry the free oscillations h from their times ``at`` to the time t: (inputs, modes)."""
         moved: Complex = h[which] * np.exp(self.root * (t - at[which])[:, None])
         return moved
 
-    def _add_under_way(
-        self, which: NDArray[np.bool_], t: Array, swing: Complex, rows: NDArray[np.int64], out: Array
-    ) -> None:
+    def _add_under_way(self, which: Mask, t: Array, swing: Complex, rows: NDArray[np.int64], out: Array) -> None:
         """Add the responses to inputs that last at some of the times; ``rows`` names the row of each, ascending."""
         since = t - self._begin[which, None]
         over = since >= self._length[which, None]

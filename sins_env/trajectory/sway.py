@@ -16,13 +16,12 @@ See docs/mathematics/simulation.md#sway.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sins_env import attitude, earth
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Rngs
 from sins_env.motion import Motion
 from sins_env.types import NavState, Site
 from sins_env.units import DEG, G0
@@ -102,7 +101,7 @@ class Sway:
         self._transport = earth.transport_matrix(model, site.latitude, site.height)
         self._nodes, self._weights = np.polynomial.legendre.leggauss(_node_count(0.5 * epoch_s / n_sub, vibration))
 
-    def reset(self, rngs: Sequence[np.random.Generator], heading: Array | None = None) -> NavState:
+    def reset(self, rngs: Rngs, heading: Array | None = None) -> NavState:
         """Draw one motion per generator, and return the true states at t = 0, (runs, ...).
 
         ``heading`` (runs,), rad, gives the mean headings and overrides ``heading_deg``.

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sins_env import attitude, earth
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Rngs
 from sins_env.motion import Motion
 from sins_env.trajectory import car
 from sins_env.trajectory.car import Event
@@ -60,7 +60,7 @@ class Vehicle:
 
     def reset(
         self,
-        rngs: Sequence[np.random.Generator],
+        rngs: Rngs,
         heading: Array | None = None,
         events: Sequence[str | Sequence[Event]] = (),
     ) -> NavState:

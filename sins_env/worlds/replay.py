@@ -8,14 +8,13 @@ the first row, which the others follow.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import recordings
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Rngs
 from sins_env.prior import COARSE_STD_DEG, PRIORS, TOLD_START_STD_DEG
 from sins_env.sensors.gps import Fixes, epochs_per_fix, received, zero_velocity_fixes
 from sins_env.sensors.imu import standard_normal
@@ -79,7 +78,7 @@ class ReplayWorld(ChunkedWorld):
             navigate=navigates,
         )
 
-    def reset(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> tuple[NavState, NavState | None]:
+    def reset(self, rngs: Rngs, options: dict[str, Any]) -> tuple[NavState, NavState | None]:
         """Begin one window per generator, and return the reference at t = 0 and the told states, if any."""
         given, windows = picked(options, "window"), self.windows.first_samples
         streams = [rng.spawn(2) for rng in rngs]  # window, start

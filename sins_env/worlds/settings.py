@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import checks, earth
+from sins_env.arrays import Array
 from sins_env.prior import ANY_HEADING_STD_DEG, COARSE_STD_DEG, PRIORS, TOLD_START_STD_DEG
 from sins_env.sensors.gps import epochs_per_fix
 from sins_env.specs import GpsSpec, ImuSpec, gps_spec, imu_spec
@@ -104,7 +105,7 @@ class SimulationSettings(Timed):
         """Number of records; 0 if ``heading_deg`` is no list."""
         return len(self.heading_deg) if isinstance(self.heading_deg, tuple) else 0
 
-    def headings(self, records: NDArray[np.int64] | None, runs: int) -> NDArray[np.float64] | None:
+    def headings(self, records: NDArray[np.int64] | None, runs: int) -> Array | None:
         """Return the mean heading of runs that play these records, rad, (runs,); None if it is to be drawn."""
         if self.heading_deg is None:
             return None

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import checks
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Rngs
 from sins_env.sensors.gps import Gps, ZeroVelocity
 from sins_env.sensors.imu import Imu, standard_normal
 from sins_env.trajectory import Trajectory
@@ -29,7 +28,7 @@ class SimulatedWorld(ChunkedWorld):
     imu: Imu
     gps: Gps | ZeroVelocity
 
-    def reset(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> tuple[NavState, NavState | None]:
+    def reset(self, rngs: Rngs, options: dict[str, Any]) -> tuple[NavState, NavState | None]:
         """Begin one run per generator, and return the true states at t = 0 and the told ones, if any."""
         streams = [rng.spawn(11) for rng in rngs]  # start, motion, 6 IMU, 3 GPS: one stream each, in this order
         truth = self._begin([s[1] for s in streams], options)
@@ -38,7 +37,7 @@ class SimulatedWorld(ChunkedWorld):
         self._rewind()
         return truth, self._told(truth, standard_normal([s[0] for s in streams], (9,)))
 
-    def _begin(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> NavState:
+    def _begin(self, rngs: Rngs, options: dict[str, Any]) -> NavState:
         """Draw the motions, and return the true states at t = 0."""
         if options:
             raise checks.refused("reset options", options, "none in this environment")
@@ -64,7 +63,7 @@ class BaseWorld(SimulatedWorld):
         self.task = settings.task(env_id)
         self.imu = Imu(settings.imu_true, self.task.epoch_s / self.task.n_sub)
 
-    def _records(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> NDArray[np.int64] | None:
+    def _records(self, rngs: Rngs, options: dict[str, Any]) -> NDArray[np.int64] | None:
         """Return which record each run plays, or None if there are no records."""
         given, count = picked(options, "record"), self.settings.records
         if count:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from sins_env import checks, earth
+from sins_env.arrays import Rngs
 from sins_env.sensors.gps import Gps
 from sins_env.trajectory import STILL, THESIS, Sway
 from sins_env.trajectory.sway import MOTIONS
@@ -56,5 +54,5 @@ class SwayWorld(BaseWorld):
         )
         self.gps = Gps(settings.gps_true, task.epoch_s, task.duration_s, earth.get(task.site.earth))
 
-    def _begin(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> NavState:
+    def _begin(self, rngs: Rngs, options: dict[str, Any]) -> NavState:
         return self.trajectory.reset(rngs, self.settings.headings(self._records(rngs, options), len(rngs)))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-import numpy as np
-
 from sins_env import checks, earth
+from sins_env.arrays import Rngs
 from sins_env.sensors.gps import ZERO_VELOCITY, Gps, ZeroVelocity
 from sins_env.specs import GpsSpec, gps_spec
 from sins_env.trajectory import Vehicle
@@ -109,7 +108,7 @@ class VehicleWorld(BaseWorld):
         else:
             self.gps = ZeroVelocity(spec, task.epoch_s, task.site.pos)
 
-    def _begin(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> NavState:
+    def _begin(self, rngs: Rngs, options: dict[str, Any]) -> NavState:
         settings, records = self.settings, self._records(rngs, options)
         if settings.by_record and records is not None:
             events = [settings.events[i] for i in records]

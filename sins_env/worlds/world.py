@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from sins_env import attitude, checks, earth
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Rngs
 from sins_env.checks import unknown
 from sins_env.types import NavState, Task
 from sins_env.units import DEG
@@ -37,7 +36,7 @@ class World(Protocol):
     task: Task
     scored: bool  #: whether there is a true state, or a reference, against which errors are taken
 
-    def reset(self, rngs: Sequence[np.random.Generator], options: dict[str, Any]) -> tuple[NavState, NavState | None]:
+    def reset(self, rngs: Rngs, options: dict[str, Any]) -> tuple[NavState, NavState | None]:
         """Begin one run per generator.
 
         Returns the true states at t = 0 and the told ones, each (runs, ...). The told ones are None for an unknown start.
@@ -119,7 +118,7 @@ def picked(options: dict[str, Any], name: str) -> Any:
     return options.get(name)
 
 
-def pick_rows(name: str, given: Any, count: int, rngs: Sequence[np.random.Generator]) -> NDArray[np.int64]:
+def pick_rows(name: str, given: Any, count: int, rngs: Rngs) -> NDArray[np.int64]:
     """Return which of ``count`` windows or records each run plays, (runs,).
 
     If ``given`` is None, each run draws its own. A list has an index for each run. A single index is that of the first run,

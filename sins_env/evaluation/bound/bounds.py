@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
 from sins_env.evaluation.bound import cache
 from sins_env.evaluation.bound.error_dynamics import ErrorDynamics, true_motion
 from sins_env.evaluation.play import criteria as criteria_module
@@ -40,7 +40,7 @@ class Bound:
     steady: Array  #: (3,) or (9,) RMS over the epochs of the steady state, as the score's
     final: Array  #: (3,) or (9,) at T
     epochs: NDArray[np.int64]  #: (2,) the first of the steady state, and the last
-    holds: NDArray[np.bool_]  #: () False: only a reference, for the start is not drawn from a Gaussian
+    holds: Mask  #: () False: only a reference, for the start is not drawn from a Gaussian
 
     def fits(self, criteria: Criteria) -> bool:
         """Whether scores by these criteria are taken at the same epochs."""

@@ -24,10 +24,9 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude, earth
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
 from sins_env.evaluation.bound.fisher import fix_noise
 from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.specs import ImuSpec
@@ -55,7 +54,7 @@ class Truth(NamedTuple):
     pos: Array  #: (runs, epochs, 3) latitude rad, longitude rad, height m, mean
     C_end: Array  #: (runs, epochs, 3, 3) at the end of the epoch
     rate_end: Array  #: (runs, epochs, 3) rad/s, omega_eb^b at the end
-    fix: NDArray[np.bool_]  #: (epochs,) whether there is a fix at the end
+    fix: Mask  #: (epochs,) whether there is a fix at the end
 
 
 def true_motion(task: EvaluationTask, public: Task, runs: int) -> Iterator[Truth]:

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude, earth
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
 from sins_env.recordings import Recording, reference_at
 
 if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
@@ -27,7 +26,7 @@ class Track:
     recording: Recording
     starts: Array  #: (W,) s on the recording's clock
     t: Array  #: (K,) s in the window
-    fine: NDArray[np.bool_]  #: (K,) after the coarse phase: what is scored
+    fine: Mask  #: (K,) after the coarse phase: what is scored
     q_nb: Array  #: (W, K, 4)
     pos: Array  #: (W, K, 3) latitude rad, longitude rad, height m
     fixes: Array  #: (W, K, 3) of the antenna; NaN where the solver got none

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
 from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.score import quantities, resampling
 from sins_env.evaluation.score.resampling import LEAST_RUNS, NO_INTERVAL, Estimate, Interval
@@ -149,7 +149,7 @@ def _ratio(top: Array, bottom: Array, drawn_top: Array, drawn_bottom: Array) -> 
     return value, (float(low), float(high))
 
 
-def difference_of_rates(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> Estimate:
+def difference_of_rates(a: Mask, b: Mask) -> Estimate:
     """Paired proportions, a minus b."""
     n = len(a)
     only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())

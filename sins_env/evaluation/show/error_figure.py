@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
     from matplotlib.figure import Figure
 
 
-Array = NDArray[np.floating[Any]]
+Floats = NDArray[np.floating[Any]]  #: histories are kept in single precision
 
 
 def error_figure(results: Sequence[Results]) -> Figure:
@@ -110,19 +110,19 @@ def _success(axes: Axes, lines: Sequence[Results], colours: Mapping[str, int]) -
     axes.axvline(task.delta_azimuth_deg, **_DOTTED)
 
 
-def size_of(parts: Array, of_component: bool) -> Array:
+def size_of(parts: Floats, of_component: bool) -> Floats:
     """Length of errors or sigmas (..., parts), or the root of their mean square: (...)."""
     squares = np.square(parts, dtype=float)
     return np.sqrt(squares.mean(axis=-1) if of_component else squares.sum(axis=-1))
 
 
-def error_curve(size: Array, unit: float, resamples: int = 400) -> tuple[Array, Array, Array]:
+def error_curve(size: Floats, unit: float, resamples: int = 400) -> tuple[Floats, Floats, Floats]:
     """RMS over runs with its band, in ``unit``: (R, S) -> three of (S,); never zero, for log axes."""
     value, low, high = (np.maximum(curve / unit, 1e-12) for curve in rms_band(size.astype(np.float32), resamples))
     return value, low, high
 
 
-def band(axes: Axes, t: Any, size: Array, unit: float, label: str, i: int) -> None:
+def band(axes: Axes, t: Any, size: Floats, unit: float, label: str, i: int) -> None:
     """RMS over runs of (R, S) with its 95 % band, in the look of the i-th solver."""
     value, low, high = error_curve(size, unit)
     if len(size) > 1:

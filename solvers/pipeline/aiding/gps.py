@@ -8,10 +8,9 @@ are states ``dp``. A model without a vertical velocity has that of the INS slave
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude, earth
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
 from sins_env.specs import GpsSpec
 from sins_env.states import FIX, Layout
 from sins_env.types import NavState, Observation, Task
@@ -133,5 +132,5 @@ def arm_error(phi: Array, arm: Array) -> Array:
     return apart.reshape(*apart.shape[:-2], -1)
 
 
-def _valid(obs: Observation) -> NDArray[np.bool_]:
+def _valid(obs: Observation) -> Mask:
     return np.asarray(obs["gps_valid"][..., 0] == 1)

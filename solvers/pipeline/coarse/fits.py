@@ -11,10 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sins_env import attitude
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
 from solvers.pipeline.strapdown import cross
 
 Fit = Callable[[Array], Array]
@@ -54,7 +53,7 @@ def _unit(v: Array) -> Array:
     return v / np.maximum(np.sqrt(np.sum(v * v, axis=-1, keepdims=True)), attitude.TINY)
 
 
-def _finite(M: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _finite(M: Array) -> tuple[Array, Mask]:
     """M with zeros for runs that are not finite, which LAPACK would refuse along with all others; and (..., 1, 1) which are."""
     finite = np.asarray(np.isfinite(M).all(axis=(-2, -1), keepdims=True))
     return np.where(finite, M, 0.0), finite

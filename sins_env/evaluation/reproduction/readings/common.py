@@ -9,9 +9,8 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
 from sins_env.evaluation.reproduction.verdicts import NOTHING, Estimate, mean, root_mean_square
 from sins_env.evaluation.score import paired, quantities, resampling
 from sins_env.evaluation.score.navigation import bound_means, known_history, ratio_of_time_means
@@ -145,7 +144,7 @@ def failed(results: Results) -> Estimate:
     return percentage(results.records.failed)
 
 
-def percentage(flags: NDArray[np.bool_]) -> Estimate:
+def percentage(flags: Mask) -> Estimate:
     """Compute the share of runs with a flag (R,), %."""
     value, (low, high) = paired.proportion(float(flags.mean()), len(flags))
     return Estimate(100 * value, round(100 * low, 9), round(100 * high, 9), len(flags))
