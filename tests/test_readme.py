@@ -14,7 +14,7 @@ from places import ROOT
 
 from sins_env.cli.main import main
 from sins_env.evaluation.speed import cost
-from sins_env.evaluation.tasks import task
+from sins_env.evaluation.tasks import catalogue
 
 README = (ROOT / "README.md").read_text()
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", README, flags=re.DOTALL)
@@ -48,7 +48,7 @@ def _shorter_tasks():
         patch.setenv("COLUMNS", "100")
         patch.setattr(cost, "BLOCKS", 2)
         for name, seconds in SHORTER.items():
-            patch.setitem(task.TASKS, name, lasting(name, seconds))
+            patch.setitem(catalogue.TASKS, name, lasting(name, seconds))
         yield
 
 
