@@ -13,14 +13,18 @@ from sins_env import types
 from sins_env.arrays import Array
 from sins_env.envs.reward import WORST_PHI, WORST_POS, WORST_VEL
 from sins_env.evaluation.tasks.task import EvaluationTask
+from sins_env.states import ERRORS, Block, answered
 
 AXES = ("E", "N", "U")
-#: Of an error, the first three or all: rad, m/s, m, rad. The last three are differences of Euler angles.
+#: The errors that are scored in navigation; alignment has ``phi`` alone. The last are differences of Euler angles.
+SCORED = answered(navigate=True).plus(Block("euler", 3, "rad"))
+PHI = SCORED["phi"]
+#: Names of the components of SCORED.
 COMPONENTS = (
     "phi_e", "phi_n", "phi_u", "vel_e", "vel_n", "vel_u", "pos_e", "pos_n", "pos_u", "heading", "pitch", "roll",
 )  # fmt: skip
-COMPONENT_UNITS = ("rad",) * 3 + ("m/s",) * 3 + ("m",) * 3 + ("rad",) * 3
-WORST = np.concatenate([WORST_PHI, WORST_VEL, WORST_POS, np.full(3, np.pi)])
+COMPONENT_UNITS = tuple(block.unit for block in SCORED.blocks for _ in range(block.size))
+WORST = SCORED.values({"phi": WORST_PHI, "dv": WORST_VEL, "dp": WORST_POS, "euler": np.pi})
 NEES_AT = (0.25, 0.5, 0.75, 1.0)  #: parts of the fine phase at which the consistency is taken
 STEADY_LEAST_S, STEADY_PART = 60.0, 0.2
 DIVERGED_SIGMAS = 10.0
@@ -48,9 +52,10 @@ class Criteria:
     @classmethod
     def of(cls, task: EvaluationTask, public: types.Task, scored: bool = True) -> Criteria:
         known = public.start is not None
-        limit = DIVERGED_SIGMAS * np.sqrt(np.diagonal(public.prior.P0))[: 9 if public.navigate else 3]
+        limited = ERRORS.places(answered(public.navigate))
+        limit = DIVERGED_SIGMAS * np.sqrt(np.diagonal(public.prior.P0))[limited]
         if not known:
-            limit[:3] = DIVERGED_UNKNOWN
+            limit[PHI] = DIVERGED_UNKNOWN
         lost_heading = bool(limit[2] >= math.pi)
         if lost_heading:
             limit[2] = DIVERGED_UNKNOWN[2]
@@ -72,7 +77,7 @@ class Criteria:
     @property
     def components(self) -> int:
         """Of an error: those of COMPONENTS that are scored."""
-        return len(COMPONENTS) if self.navigates else len(AXES)
+        return (SCORED if self.navigates else answered(navigate=False)).size
 
     @property
     def worst(self) -> Array:

@@ -9,16 +9,20 @@ import numpy as np
 
 from sins_env.arrays import Array
 from sins_env.checks import unknown
-from sins_env.evaluation.play.criteria import COMPONENTS
+from sins_env.evaluation.play.criteria import SCORED
 from sins_env.evaluation.play.records import Records
 from sins_env.units import ARCSEC, DEG
+
+
+def _places(block: str) -> tuple[int, ...]:
+    return tuple(range(SCORED.size)[SCORED[block]])
 
 
 class Quantity(NamedTuple):
     """The length of some components of an error."""
 
     name: str
-    parts: tuple[int, ...]  #: of COMPONENTS
+    parts: tuple[int, ...]  #: components of SCORED
     unit: float
     unit_name: str
 
@@ -26,30 +30,32 @@ class Quantity(NamedTuple):
     def bounded(self) -> tuple[int, ...]:
         """Components of the bound that it is held against; none for pitch and roll. To first order heading is azimuth."""
         if self.parts == (_HEADING,):
-            return (2,)
+            return (_AZIMUTH,)
         return self.parts if max(self.parts) < _HEADING else ()
 
 
-_HEADING = COMPONENTS.index("heading")
+_EAST, _NORTH, _AZIMUTH = _places("phi")
+_HEADING, _PITCH, _ROLL = _places("euler")
+_VEL, _POS = _places("dv"), _places("dp")
 #: Of alignment.
 AXIAL = {
-    "azimuth": Quantity("azimuth", (2,), DEG, "deg"),
-    "level": Quantity("level", (0, 1), ARCSEC, "arcsec"),
-    "east": Quantity("east", (0,), ARCSEC, "arcsec"),
-    "north": Quantity("north", (1,), ARCSEC, "arcsec"),
+    "azimuth": Quantity("azimuth", (_AZIMUTH,), DEG, "deg"),
+    "level": Quantity("level", (_EAST, _NORTH), ARCSEC, "arcsec"),
+    "east": Quantity("east", (_EAST,), ARCSEC, "arcsec"),
+    "north": Quantity("north", (_NORTH,), ARCSEC, "arcsec"),
 }
 #: Of navigation; horizontal and vertical by themselves, and together.
 QUANTITIES = {
     "azimuth": Quantity("heading", (_HEADING,), DEG, "deg"),
-    "pitch": Quantity("pitch", (_HEADING + 1,), DEG, "deg"),
-    "roll": Quantity("roll", (_HEADING + 2,), DEG, "deg"),
-    "level": Quantity("level", (0, 1), ARCSEC, "arcsec"),
-    "position": Quantity("position", (6, 7, 8), 1.0, "m"),
-    "position_h": Quantity("position, horizontal", (6, 7), 1.0, "m"),
-    "position_v": Quantity("position, vertical", (8,), 1.0, "m"),
-    "velocity": Quantity("velocity", (3, 4, 5), 1.0, "m/s"),
-    "velocity_h": Quantity("velocity, horizontal", (3, 4), 1.0, "m/s"),
-    "velocity_v": Quantity("velocity, vertical", (5,), 1.0, "m/s"),
+    "pitch": Quantity("pitch", (_PITCH,), DEG, "deg"),
+    "roll": Quantity("roll", (_ROLL,), DEG, "deg"),
+    "level": Quantity("level", (_EAST, _NORTH), ARCSEC, "arcsec"),
+    "position": Quantity("position", _POS, 1.0, "m"),
+    "position_h": Quantity("position, horizontal", _POS[:2], 1.0, "m"),
+    "position_v": Quantity("position, vertical", _POS[2:], 1.0, "m"),
+    "velocity": Quantity("velocity", _VEL, 1.0, "m/s"),
+    "velocity_h": Quantity("velocity, horizontal", _VEL[:2], 1.0, "m/s"),
+    "velocity_v": Quantity("velocity, vertical", _VEL[2:], 1.0, "m/s"),
 }
 
 
