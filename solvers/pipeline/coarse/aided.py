@@ -1,5 +1,7 @@
-"""The inertial frame with the base's velocity, as a GPS or a zero-velocity update tells it.
-docs/mathematics/coarse_alignment.md#velocity-aid."""
+"""Coarse alignment in the inertial frame with the velocity of the base, from a GPS or a zero-velocity update.
+
+Equations: docs/mathematics/coarse_alignment.md#velocity-aid.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +14,16 @@ from solvers.pipeline.coarse.fits import Fit
 from solvers.pipeline.coarse.inertial import AllPairs, outer
 from solvers.pipeline.strapdown import cross, end_rate
 
-WINDOW_S = 60.0  #: at most half of the coarse phase
-#: what is left of the pairs before the first full window: enough to fill in directions no window has seen
+WINDOW_S = 60.0  #: s, length of a window; it is cut to half of the coarse phase if that is shorter
+#: Weight that the pairs before the first full window keep, enough for directions that no window has seen.
 EARLY_WEIGHT = 1e-4
 
 
 class Windows(AllPairs):
     """Wahba's problem over the differences across sliding windows, with the velocity of the base in v_i.
 
-    Neither the velocity at the start nor one noisy fix can bias them. Windows whose ends have no fix are left out.
+    Neither the velocity at the start nor a single noisy fix can bias the differences. A window counts only if both its ends
+    have a fix.
     """
 
     def __init__(self, task: Task, batch: tuple[int, ...], fit: Fit) -> None:
@@ -33,10 +36,10 @@ class Windows(AllPairs):
         self._lag = max(round(window / task.epoch_s), 1)
         self._ring = np.zeros((2, self._lag, *batch, 3))
         self._ring_valid = np.zeros((self._lag, *batch, 1), dtype=bool)
-        self._early_profile = np.zeros((*batch, 3, 3))  # of the pairs before the first window is full
+        self._early_profile = np.zeros((*batch, 3, 3))  # profile of the pairs before the first window is full
 
     def _keep(self, v_b: Array, v_i: Array, obs: Observation) -> None:
-        """The difference across the window where both its ends have a fix; until one is full, the pair since the start."""
+        """Add the difference across a window whose ends have a fix; until a window is full, the pair since the start."""
         v_b, v_i, valid = v_b + self._antenna(obs), v_i + self._own_velocity(obs), obs["gps_valid"] == 1
         slot = self._k % self._lag
         if self._k > self._lag:
@@ -47,16 +50,16 @@ class Windows(AllPairs):
         self._ring[0, slot], self._ring[1, slot], self._ring_valid[slot] = v_b, v_i, valid
 
     def _fit(self) -> Array:
-        # The pairs since the start, which the velocity there biases, fade out over the time of one more window: at once
-        # they would leave windows of nearly one direction, and no azimuth.
+        # The velocity at the start biases the pairs since the start, so they fade out over the time of one more window.
+        # If they were dropped at once, the windows left would have nearly one direction, and give no azimuth.
         fade = max((1.0 - min(max(self._k / self._lag - 1.0, 0.0), 1.0)) ** 4, EARLY_WEIGHT)
         return self._solve(self._profile + fade * self._early_profile)
 
     def _own_velocity(self, obs: Observation) -> Array:
-        """What the base's velocity adds to v_i: C_n^i v - C_n^i(0) v(0) + integral of C_n^i (omega_ie x v).
-        docs/mathematics/coarse_alignment.md#velocity-aid.
+        """Return what the velocity of the base adds to v_i, C_n^i v + integral of C_n^i (omega_ie x v), (..., 3) m/s.
 
-        The term at the start drops out of the differences. Without a fix the last velocity holds in the integral.
+        The constant term -C_n^i(0) v(0) is left out, because it drops out of the differences. Between fixes the last velocity
+        holds in the integral.
         """
         self._vel = np.where(obs["gps_valid"] == 1, obs["gps_vel"], self._vel)
         C_n_i = self._C_i_n().T
@@ -64,7 +67,7 @@ class Windows(AllPairs):
         return self._vel @ C_n_i.T + self._swept
 
     def _antenna(self, obs: Observation) -> Array:
-        """Velocity of the antenna about the IMU in the axes of the start, (..., 3): the fixes are the antenna's."""
+        """Return the velocity of the antenna about the IMU in the body axes at the start, (..., 3) m/s."""
         if not self._lever.any():
             return np.zeros(3)
         return self._in_start_axes(cross(end_rate(obs["dtheta"], self._epoch_s), self._lever))

@@ -1,15 +1,16 @@
 """Analytic coarse alignment: attitude from the mean specific force and the mean rate of a base at rest.
-docs/mathematics/coarse_alignment.md#analytic-methods.
 
     R_b = R_n C_b^n,   rows of R_b and R_n:   1  g, w, g x w       2  g, g x w, (g x w) x g       3  the same normalised
 
-with g = -f and w measured in b and known in n (000 section 6.2.1, after Wei and Zhang 2000, whose numbering could not be
-checked). All have the azimuth error -eps_E / (omega_ie cos L) + tan L nabla_E / g. They differ in how far C_b^n = R_n^-1 R_b
-is from a rotation (form 1 by eps_U / (omega_ie cos L), form 2 by errors of scale only, form 3 not at all) and, once it is
-made one, in level: form 1 takes half of eps_U / (omega_ie cos L) into phi_E, the others only nabla / g.
+with g = -f and w measured in b and known in n. All forms have the azimuth error -eps_E / (omega_ie cos L) + tan L nabla_E / g.
+They differ in how far C_b^n = R_n^-1 R_b is from a rotation: form 1 by eps_U / (omega_ie cos L), form 2 by errors of scale only,
+form 3 not at all. Once it is made a rotation, they also differ in level. Form 1 takes half of eps_U / (omega_ie cos L) into
+phi_E, the others only nabla / g.
 
-The means are taken in body axes, so the attitude is a mean over all epochs so far, and the mean rate must be the earth's:
-a door slam of 0.1 deg in 90 s is 4 deg/h. For bases that move there is the inertial frame.
+The means are taken in body axes, so the attitude is a mean over all epochs so far. The mean rate must be that of the earth: a
+door slam of 0.1 deg within 90 s already is 4 deg/h. For bases that move use the inertial frame.
+Source: 000 section 6.2.1, after Wei and Zhang (2000), whose numbering could not be checked;
+docs/mathematics/coarse_alignment.md#analytic-methods.
 """
 
 from __future__ import annotations
@@ -24,22 +25,25 @@ from solvers.pipeline.strapdown import cross
 
 
 def from_means(form: int, force: Array, rate: Array, force_n: Array, rate_n: Array) -> Array:
-    """C_b^n (..., 3, 3), not yet a rotation in the forms 1 and 2, of vectors (..., 3) in b and (3,) in n; m/s^2, rad/s."""
+    """Return C_b^n (..., 3, 3), which in forms 1 and 2 is not yet a rotation.
+
+    ``force`` in m/s^2 and ``rate`` in rad/s are (..., 3) in b; ``force_n`` and ``rate_n`` are (3,) in n.
+    """
     if form == 3:
         return triad(-force_n, rate_n, -force, rate)
     return np.linalg.inv(_rows(form, -force_n, rate_n)) @ _rows(form, -force, rate)
 
 
 def _rows(form: int, g: Array, w: Array) -> Array:
-    """The matrix R of form 1 or 2."""
+    """Return the matrix R of form 1 or 2."""
     gxw = cross(g, w)
     return np.stack([g, w, gxw] if form == 1 else [g, gxw, cross(gxw, g)], axis=-2)
 
 
 class Analytic:
-    """Form 1, 2 or 3 on the means over all epochs so far, orthonormalised by the SVD; batch first.
+    """Form 1, 2 or 3 with the means over all epochs so far, made a rotation by the SVD; batch first.
 
-    Without a force, or with one along the rate, the missing directions are arbitrary, not an error.
+    If there is no force, or one along the rate, the missing directions are arbitrary; this is not an error.
     """
 
     def __init__(self, task: Task, batch: tuple[int, ...], form: int) -> None:
@@ -51,13 +55,13 @@ class Analytic:
         self._dvel, self._dtheta = np.zeros((*batch, 3)), np.zeros((*batch, 3))
 
     def add(self, obs: Observation) -> None:
-        """One epoch more."""
+        """Take one more epoch."""
         self._k += 1
         self._dvel = self._dvel + obs["dvel"].sum(axis=-2)
         self._dtheta = self._dtheta + obs["dtheta"].sum(axis=-2)
 
     def attitude(self) -> Array:
-        """q_nb (..., 4): the mean attitude so far."""
+        """Return the mean attitude so far, q_nb (..., 4)."""
         t = max(self._k, 1) * self._epoch_s
         C = from_means(self._form, self._dvel / t, self._dtheta / t, self._force_n, self._rate_n)
         return attitude.from_dcm(by_svd(C))

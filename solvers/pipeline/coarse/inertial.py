@@ -1,9 +1,9 @@
-"""Coarse alignment in the inertial frame: attitude from the drift of gravity, whatever the base does.
-docs/mathematics/coarse_alignment.md#inertial-frame.
+"""Coarse alignment in the inertial frame: attitude from the drift of gravity, however the base moves.
 
-In axes frozen at the start, the body's specific force integrates to v_b(t) = integral of C_b^ib0 f dt and the same
-integral is known from the earth's rotation, v_i(t) = - integral of g_i dt (+ the base's own velocity, if a GPS tells it).
-Pairs of these vectors give C_ib0^i, and C_b^n(t) = C_e^n C_i^e(t) C_ib0^i C_b^ib0(t).
+In body axes frozen at the start, the specific force integrates to v_b(t) = integral of C_b^ib0 f dt. The same integral is
+known from the earth's rotation, v_i(t) = - integral of g_i dt, plus the velocity of the base if a GPS tells it. Pairs of these
+vectors give C_ib0^i, and C_b^n(t) = C_e^n C_i^e(t) C_ib0^i C_b^ib0(t).
+Source: 000 (2.4.1-20), corrected; docs/mathematics/coarse_alignment.md#inertial-frame.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.fits import Fit, triad
 from solvers.pipeline.strapdown import carried_sample, chain, interval_increments
 
-EARLY_SHARE = 50 / 180  #: of the coarse phase at which the two-vector method takes its first vector, 000 section 2.4
+EARLY_SHARE = 50 / 180  #: share of the coarse phase after which two vectors take the first pair, 000 section 2.4
 
 
 class InertialFrame(ABC):
-    """The two integrals; how pairs of them are kept and fitted is what the methods differ in. Batch first."""
+    """The two integrals, batch first. The methods differ in how they keep and fit pairs of them."""
 
     def __init__(self, task: Task, batch: tuple[int, ...]) -> None:
         self._epoch_s, self._latitude = task.epoch_s, task.site.latitude
@@ -36,7 +36,7 @@ class InertialFrame(ABC):
         self._last: Array | None = None
 
     def add(self, obs: Observation) -> None:
-        """One epoch more."""
+        """Take one more epoch."""
         self._k += 1
         rotation, dvel_b = interval_increments(obs["dtheta"], obs["dvel"], self._last)
         self._last = carried_sample(obs["dtheta"], obs["dvel"])
@@ -46,36 +46,39 @@ class InertialFrame(ABC):
         self._keep(self._v_b, np.broadcast_to(self._gravity_integral(), self._v_b.shape), obs)
 
     def attitude(self) -> Array:
-        """q_nb (..., 4) at the last epoch; level from the first epochs on, azimuth as the pairs spread."""
+        """Return q_nb (..., 4) at the last epoch; level is known soon, azimuth as the directions of the pairs spread."""
         return attitude.from_dcm(self._C_i_n() @ self._fit() @ attitude.to_dcm(self._q))
 
     @abstractmethod
     def _keep(self, v_b: Array, v_i: Array, obs: Observation) -> None:
-        """What the method needs of the pair (..., 3) at the end of this epoch."""
+        """Keep what the method needs of the pair (..., 3) at the end of this epoch."""
 
     @abstractmethod
     def _fit(self) -> Array:
-        """C_ib0^i (..., 3, 3)."""
+        """Return C_ib0^i (..., 3, 3)."""
 
     def _in_start_axes(self, vector_b: Array) -> Array:
-        """C_b^ib0 of the last epoch times the vector."""
+        """Turn a vector (..., 3) from the body axes of the last epoch into those at the start."""
         return np.matmul(attitude.to_dcm(self._q), vector_b[..., None])[..., 0]
 
     def _gravity_integral(self) -> Array:
-        """v_i (3,) of a base at rest. (2.4.16), longitude 0."""
+        """Return v_i (3,) of a base at rest, 000 (2.4.16) with longitude 0, m/s."""
         w, t = self._rate, self._k * self._epoch_s
         level, up = np.cos(self._latitude), np.sin(self._latitude)
         return self._gravity * np.array([level * np.sin(w * t) / w, level * (1 - np.cos(w * t)) / w, t * up])
 
     def _C_i_n(self) -> Array:
-        """C_e^n C_i^e(t). (2.4.4)."""
+        """Return C_e^n C_i^e(t), 000 (2.4.4)."""
         angle = self._rate * self._k * self._epoch_s
         c, s = np.cos(angle), np.sin(angle)
         return self._enu @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 class TwoVector(InertialFrame):
-    """TRIAD of the pairs at 50/180 of the time and at its end, anchored on the latter. (2.4.20), erratum 16."""
+    """The triad of the pairs at 50/180 of the time and at its end, anchored on the later one.
+
+    Equation 000 (2.4.20) with no. 16 of docs/mathematics/errata.md corrected.
+    """
 
     def __init__(self, task: Task, batch: tuple[int, ...]) -> None:
         super().__init__(task, batch)
@@ -89,16 +92,16 @@ class TwoVector(InertialFrame):
 
     def _fit(self) -> Array:
         (v1_b, v1_i), (v2_b, v2_i) = self._first, self._pair
-        if self._k <= self._early:  # one pair only: level, any azimuth
+        if self._k <= self._early:  # one pair gives level, and any azimuth
             v1_b = v1_i = np.broadcast_to([0.0, 1.0, 0.0], v1_b.shape)
         return triad(v2_i, v1_i, v2_b, v1_b)
 
 
 class AllPairs(InertialFrame):
-    """Wahba's problem over all pairs since the start, weighted by their length.
+    """Wahba's problem over all pairs since the start, weighted by their lengths.
 
-    The disturbance of v_b has the same size at all times, so unit vectors (from 10 s on, as published) are twice as far off
-    in azimuth: 1.1 deg against 0.5 after 180 s of the sway.
+    The disturbance of v_b has the same size at all times, so the published unit vectors give early pairs too much weight. With
+    them the azimuth error after 180 s of sway is twice as large, 1.1 deg in place of 0.5 deg.
     """
 
     def __init__(self, task: Task, batch: tuple[int, ...], fit: Fit) -> None:
@@ -114,5 +117,5 @@ class AllPairs(InertialFrame):
 
 
 def outer(u: Array, v: Array) -> Array:
-    """u v' (..., 3, 3)."""
+    """Return u v' (..., 3, 3)."""
     return u[..., :, None] * v[..., None, :]
