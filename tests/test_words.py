@@ -31,7 +31,6 @@ UNFINISHED = (
     "sins_env/evaluation/speed/",
     "sins_env/evaluation/store/",
     "sins_env/evaluation/tasks/",
-    "solvers/pipeline/",
 )
 
 DANGLING = re.compile(r"(of|by|as|where)\b", re.IGNORECASE)

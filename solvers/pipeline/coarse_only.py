@@ -1,4 +1,4 @@
-"""Coarse alignment all the way, as estimators of their own: whatever the start was told to be, they do not look."""
+"""Coarse alignment for the whole run, as complete estimators. They do not use a told start."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ INERTIAL = ("two_vector", "svd", "aided")
 
 
 class CoarseAligner:
-    """The attitude of one method of :mod:`solvers.pipeline.coarse`, epoch by epoch.
+    """The estimator of attitude by one method of :mod:`solvers.pipeline.coarse`.
 
     Raises:
         ValueError: an unknown method.
@@ -31,12 +31,21 @@ class CoarseAligner:
         return f"{type(self).__name__}({', '.join(changed(type(self), vars(self)))})"
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
+        """Begin an episode.
+
+        Raises:
+            ValueError: the task navigates.
+        """
         refuse_navigation(task, "a coarse alignment")
         self._task = task
         self._coarse: Coarse | None = None
 
     def step(self, obs: Observation) -> Array:
-        """q_nb (..., 4) at the end of the epoch."""
+        """Return q_nb (..., 4) at the end of the epoch.
+
+        Raises:
+            RuntimeError: there has been no ``reset``.
+        """
         if self._task is None:
             raise RuntimeError(f"{self!r} has no task yet; call reset(task, rng) first")
         if self._coarse is None:
@@ -46,10 +55,13 @@ class CoarseAligner:
 
 
 class CoarseInertial(CoarseAligner):
-    """Coarse alignment in the inertial frame all the way. 000 section 2.4.
+    """Coarse alignment in the inertial frame for the whole run. 000 section 2.4.
 
-    ``method``: ``svd`` over all pairs since the start, ``two_vector`` as in the source, or ``aided`` by the velocity of the
-    fixes (a zero-velocity update where there is no GPS).
+    ``method``: "svd" over all pairs since the start, "two_vector" as in the source, or "aided" by the velocity of the fixes.
+    Zero-velocity updates serve as fixes if there is no GPS.
+
+    Raises:
+        ValueError: another method.
     """
 
     def __init__(self, method: str = "svd") -> None:
@@ -59,9 +71,9 @@ class CoarseInertial(CoarseAligner):
 
 
 class CoarseOba(CoarseAligner):
-    """Optimisation-based alignment all the way (Wu et al. 2013): Wahba's problem in the inertial frame by the q-method.
+    """Optimisation-based alignment for the whole run (Wu et al. 2013): Wahba's problem in the inertial frame by the q-method.
 
-    ``aided``: with the velocity of the fixes, over sliding windows of 60 s; else on the pairs since the start.
+    ``aided``: whether it uses the velocity of the fixes, over sliding windows of 60 s; else it uses pairs since the start.
     """
 
     def __init__(self, aided: bool = True) -> None:
@@ -70,14 +82,14 @@ class CoarseOba(CoarseAligner):
 
 
 class CoarseAnalytic1(CoarseAligner):
-    """Analytic coarse alignment of a base at rest from g, w, g x w, orthonormalised. 000 section 6.2.1, method 1."""
+    """Analytic coarse alignment of a base at rest from g, w, g x w, made a rotation. 000 section 6.2.1, method 1."""
 
     def __init__(self) -> None:
         super().__init__("analytic1")
 
 
 class CoarseAnalytic2(CoarseAligner):
-    """Analytic coarse alignment of a base at rest from g, g x w, (g x w) x g, orthonormalised. 000 section 6.2.1, method 2."""
+    """Analytic coarse alignment of a base at rest from g, g x w, (g x w) x g, made a rotation. 000 section 6.2.1, method 2."""
 
     def __init__(self) -> None:
         super().__init__("analytic2")

@@ -1,4 +1,7 @@
-"""One estimator for alignment and navigation: the task says which answer it wants."""
+"""One estimator for alignment and navigation: the task says which answer it wants.
+
+Read :mod:`solvers.pipeline.integration` first, which has everything that both share.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +26,8 @@ from solvers.types import Filter, Health
 class Aligner(Integration):
     """The estimator of attitude around a filter, with the :class:`Settings` of the pipeline by name.
 
-    The vertical velocity of the INS is slaved to the fixes, the position is the told site. In invariant coordinates there
-    are twelve states instead of ten, for the vertical velocity is one of them.
+    The vertical velocity of the INS is pulled towards the fixes, and the position is the told site. In invariant coordinates
+    there are twelve states instead of ten, with the vertical velocity among them.
 
     Raises:
         ValueError: an unknown setting.
@@ -42,21 +45,26 @@ class Aligner(Integration):
         super().__init__(filter, errors, chosen)
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
+        """Begin an episode.
+
+        Raises:
+            ValueError: the task navigates.
+        """
         refuse_navigation(task, "an aligner")
         super().reset(task, rng, num_runs)
 
     def answer(self, nav: NavState) -> Array:
-        """q_nb (..., 4)."""
+        """Return q_nb (..., 4)."""
         return nav.q_nb
 
 
 class Navigator(Integration):
-    """The INS with a position of its own, held by the velocity and the position of the fixes.
+    """The estimator of attitude, velocity and position around a filter, held by the velocity and position of the fixes.
 
-    The :class:`Settings` of the pipeline are given by name. Closed loop, attitude, velocity, position and biases are taken
-    out of the INS after each fix, with the Jacobian of the reset. After coarse alignment, for which the vehicle stands
-    still, it begins at the place of the last fix, or at the site. A filter may ask for other coordinates in navigation
-    than in alignment.
+    The :class:`Settings` of the pipeline are given by name. Closed loop, the estimated errors of attitude, velocity, position
+    and biases are removed from the INS after each fix, with the Jacobian of the reset. For coarse alignment the vehicle stands
+    still; after it, navigation begins at the place of the last fix, or at the site. A filter may ask for other coordinates in
+    navigation than in alignment.
 
     Raises:
         ValueError: an unknown setting, or one that only alignment has.
@@ -74,17 +82,18 @@ class Navigator(Integration):
         super().__init__(filter, NavigationErrors(), given.completed(filter, self.default))
 
     def answer(self, nav: NavState) -> Array:
-        """q_nb, velocity E N U m/s, latitude rad, longitude rad, height m: (..., 10)."""
+        """Return q_nb, velocity E N U m/s, latitude rad, longitude rad and height m, (..., 10)."""
         return np.concatenate(nav, axis=-1)
 
 
 class Pipeline:
-    """The :class:`Aligner` around a filter or, for a task that navigates, the :class:`Navigator`; ``running`` is the one.
+    """The complete estimator around a filter: an :class:`Aligner` or, for a task that navigates, a :class:`Navigator`.
 
-    The :class:`Settings` of the pipeline are given by name; ``model`` and ``bias_frame`` are of alignment alone.
+    The :class:`Settings` of the pipeline are given by name; only alignment has ``model`` and ``bias_frame``. The attribute
+    ``running`` is the estimator in use.
 
     Raises:
-        ValueError: an unknown setting; at ``reset``, a setting of alignment for a task that navigates.
+        ValueError: an unknown setting; at ``reset``, a setting that only alignment has for a task that navigates.
     """
 
     def __init__(self, filter: Filter[Any], **settings: Any) -> None:
@@ -98,23 +107,28 @@ class Pipeline:
         return f"Pipeline({', '.join([repr(self.filter), *changed(Settings, vars(self.settings))])})"
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
+        """Begin an episode.
+
+        Raises:
+            ValueError: the task navigates, and a setting that only alignment has was given.
+        """
         if task.navigate:
             self.settings.refuse_in_navigation(task.id)
         self.running = self.navigator if task.navigate else self.aligner
         self.running.reset(task, rng, num_runs)
 
     def step(self, obs: Observation) -> Array:
-        """q_nb (..., 4) at the end of the epoch; in navigation with velocity and position (..., 10)."""
+        """Return q_nb (..., 4) at the end of the epoch; in navigation with velocity and position, (..., 10)."""
         return self.running.step(obs)
 
     def covariance(self) -> Array:
-        """Of the corrected errors, (..., 3, 3) or (..., 9, 9); the told one before the fine phase."""
+        """Return the covariance of the corrected errors, (..., 3, 3) or (..., 9, 9); before the fine phase the told one."""
         return self.running.covariance()
 
     def health(self) -> Health | None:
-        """Repairs and failures of each run so far; None in the coarse phase."""
+        """Return repairs and failures of each run so far; None in the coarse phase."""
         return self.running.health()
 
     def diagnostics(self) -> dict[str, Array]:
-        """What the filter knows beside its estimate, by name; nothing in the coarse phase."""
+        """Return what the filter knows beside its estimate, by name; nothing in the coarse phase."""
         return self.running.diagnostics()

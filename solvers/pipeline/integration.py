@@ -1,7 +1,7 @@
-"""An INS held by an aid: strapdown, an error model and any filter of the zoo, after coarse alignment where the start is unknown.
+"""An INS held by an aid: strapdown, an error model and any filter of the zoo, after coarse alignment for an unknown start.
 
-This is what alignment and navigation share; :mod:`solvers.pipeline.estimator` says which errors there are, which aid, and
-what is the answer.
+Alignment and navigation share this. :mod:`solvers.pipeline.estimator` says which errors there are, which aid, and what the
+answer is.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from solvers.types import Filter, Health
 
 
 class Integration(ABC):
-    """The estimator around a filter. A told start goes straight to the fine phase; an unknown one begins with the coarse."""
+    """Base of the estimators around a filter. A told start leads straight to the fine phase, an unknown one to the coarse."""
 
-    navigates: ClassVar[bool]  #: whether the answer, and the INS, has a position
-    default: ClassVar[Settings]  #: in place of what neither the settings nor the filter say
+    navigates: ClassVar[bool]  #: whether the INS and the answer have a position
+    default: ClassVar[Settings]  #: values for what neither the settings nor the filter say
     aid: ClassVar[type[Aid]]  #: the sensor that holds the INS
 
     def __init__(self, filter: Filter[Any], errors: ErrorModel, settings: Settings) -> None:
@@ -54,9 +54,10 @@ class Integration(ABC):
         return self._task
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
+        """Begin an episode of ``task`` with ``num_runs`` runs; ``rng`` is one Generator, or a sequence with one per run."""
         self._task, self._rng, self._k = task, rng, 0
         single = num_runs == 1 and (rng is None or isinstance(rng, np.random.Generator))
-        self._batch: tuple[int, ...] = () if single else (num_runs,)  # until the first observation says
+        self._batch: tuple[int, ...] = () if single else (num_runs,)  # until the first observation tells it
         self._earth, pos = earth.get(task.site.earth), task.site.pos
         self._strapdown = Strapdown(self._earth, task.epoch_s, task.n_sub, pos, hold_position=not self.navigates)
         self._errors = replace(self.errors, parameters=self.aid.parameters(task))
@@ -65,13 +66,17 @@ class Integration(ABC):
         self._Q, self._aid = self._errors.noise(task.prior), self.aid(task, states)
         self._coarse: coarse_methods.Coarse | None = None
         self._ins: StrapdownState | None = None
-        self._bias: tuple[Array, Array] | None = None  # of gyro and accelerometer increments, fed back so far
+        self._bias: tuple[Array, Array] | None = None  # gyro and accelerometer biases fed back so far, per increment
         self._belief: Any = None
         invariant = self.settings.coordinates == "invariant"
         self._coordinates = Invariant(self._earth, pos, states) if invariant else Euler()
 
     def step(self, obs: Observation) -> Array:
-        """The estimate at the end of the epoch."""
+        """Return the estimate at the end of the epoch.
+
+        Raises:
+            RuntimeError: there has been no ``reset``.
+        """
         task = self.task
         self._k += 1
         if self._k == 1:
@@ -85,9 +90,9 @@ class Integration(ABC):
         return self.answer(nav)
 
     def covariance(self) -> Array:
-        """Covariance of the corrected errors: phi_ENU rad and, in navigation, velocity m/s and position m.
+        """Return the covariance of the corrected errors: phi_ENU rad and, in navigation, velocity m/s and position m.
 
-        Before the fine phase it is the told one.
+        The shape is (..., 3, 3) or (..., 9, 9). Before the fine phase it is the told one.
         """
         told, reported = self.task.prior.P0, answered(self.navigates)
         if self._belief is None:
@@ -99,16 +104,16 @@ class Integration(ABC):
         return reset.corrected_covariance(x[..., self._phi], P[..., here, here])
 
     def health(self) -> Health | None:
-        """Repairs and failures of each run so far; None in the coarse phase."""
+        """Return repairs and failures of each run so far; None in the coarse phase."""
         return None if self._belief is None else self._belief.health
 
     def diagnostics(self) -> dict[str, Array]:
-        """What the filter knows beside its estimate, by name; nothing in the coarse phase."""
+        """Return what the filter knows beside its estimate, by name; nothing in the coarse phase."""
         return {} if self._belief is None else self.filter.diagnostics(self._belief)
 
     @abstractmethod
     def answer(self, nav: NavState) -> Array:
-        """The action for a corrected state."""
+        """Return the action for a corrected state."""
 
     def _begin(self, batch: tuple[int, ...]) -> None:
         self._batch, start = batch, self.task.start
@@ -142,7 +147,7 @@ class Integration(ABC):
         return nav
 
     def _increments(self, obs: Observation) -> tuple[Array, Array]:
-        """Those of the epoch without the biases fed back so far."""
+        """Return the increments of the epoch without the biases fed back so far."""
         if self._bias is None:
             return obs["dtheta"], obs["dvel"]
         gyro, accel = self._bias
@@ -161,7 +166,11 @@ class Integration(ABC):
 
 
 def refuse_navigation(task: Task, what: str) -> None:
-    """Raises ValueError for a task that wants more than an attitude."""
+    """Check that a task wants no more than an attitude; ``what`` names the estimator.
+
+    Raises:
+        ValueError: the task navigates.
+    """
     if task.navigate:
         raise ValueError(
             f"{what} gives the attitude alone; {task.id} navigates: allowed are the solvers made of a filter"

@@ -1,4 +1,4 @@
-"""The settings of the pipeline around a filter: one value, checked once, which all its parts read."""
+"""The settings of the pipeline around a filter: one value, which is checked once and which all parts read."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ ALIGNMENT_ONLY = ("model", "bias_frame")  #: settings that only alignment has
 
 @dataclass(frozen=True)
 class Settings:
-    """How the pipeline around a filter works. ``None``: as the filter asks for, else the default of the task.
+    """Settings of the pipeline around a filter. ``None`` stands for what the filter asks, else for the task's default.
 
     ``model``: error model of alignment; "exact" for misalignments of any size, "thesis" to first order in the tilt.
     ``bias_frame``: axes in which alignment takes the biases as constant, "body" or "nav".
     ``feedback``: "open" leaves the INS alone and corrects its output; "closed" resets the INS after each fix. The default
-    is open in alignment, as in the thesis, and closed in navigation.
+    is "open" in alignment, as in the thesis, and "closed" in navigation.
     ``coordinates``: coordinates of the errors that the filter estimates, "euler" or "invariant"
     (:mod:`solvers.pipeline.errors.invariant`); the default is "euler".
     ``coarse``: method of the coarse phase, which an unknown start needs (:mod:`solvers.pipeline.coarse`). The default is
-    "aided" in alignment. In navigation it is "svd", which takes the vehicle to stand still, as it does there; the
-    velocities of fixes, which "aided" relies on, are noisier than that.
+    "aided" in alignment and "svd" in navigation. There the vehicle stands still, which "svd" assumes. The velocities
+    of fixes, on which "aided" relies, are noisier than that.
 
     Raises:
         ValueError: a value that is not allowed.
@@ -51,11 +51,15 @@ class Settings:
             self._refuse("in invariant coordinates")
 
     def navigating(self) -> Settings:
-        """The settings with the defaults of those that only alignment has."""
+        """Return the settings with the defaults of those that only alignment has."""
         return replace(self, **{name: getattr(Settings, name) for name in ALIGNMENT_ONLY})
 
     def refuse_in_navigation(self, what: str) -> None:
-        """Raise ValueError for a setting that only alignment has."""
+        """Refuse a setting that only alignment has and that is not at its default.
+
+        Raises:
+            ValueError: there is one.
+        """
         self._refuse(f"is of alignment, and {what} navigates")
 
     def _refuse(self, why: str) -> None:
@@ -65,7 +69,7 @@ class Settings:
                 raise ValueError(f"{name} = {given!r} {why}; allowed: {default!r}")
 
     def completed(self, filter: Any, default: Settings) -> Settings:
-        """The settings with what the filter asks for in place of ``None``, else with the default."""
+        """Return the settings with what the filter asks, else the default, in place of ``None``."""
         return replace(
             self,
             feedback=self.feedback or getattr(filter, "feedback", default.feedback),

@@ -1,14 +1,14 @@
-"""The two-pass estimator: the reference of a task, near the Cramer-Rao bound. docs/mathematics/bound.md#two-passes.
+"""The two-pass estimator: the reference of a task, near the Cramer-Rao bound.
 
-A single filter linearises the early epochs where its estimate then was, tens of degrees off. Here a cubature filter aligns
-first; once its heading is good to a degree, the epochs so far are filtered again, linearised along the trajectory of errors
-x_ that ends at its estimate:
+A single filter linearises the early epochs at its estimate of that time, which may be wrong by tens of degrees. Here a cubature
+filter aligns first, until its heading is good to a degree. Then the epochs so far are filtered again. They are linearised along
+the trajectory of errors x_ that ends at the estimate:
 
     x_k = x_k_ + d_k,   d_0 ~ N(-x_0_, P0),   d' = F(x_) d + w,   z = h(x_) + H(x_) d + v
 
-which is one Gauss-Newton step of the maximum a posteriori problem, with the told prior as it stands. Later epochs go on so.
-Nothing is mechanised twice: the INS of the first pass stays, and x_ follows from its error model. What is kept of an epoch
-is that model and the measurement, 0.3 kB per run.
+This is one Gauss-Newton step of the maximum a posteriori problem, with the told prior unchanged. Later epochs continue in the
+same way. Nothing is mechanised twice: the INS of the first pass stays, and x_ follows from its error model. An epoch is kept as
+its error model and its measurement, 0.3 kB per run. Equations: docs/mathematics/bound.md#two-passes.
 """
 
 from __future__ import annotations
@@ -29,29 +29,35 @@ from solvers.types import Filter, Function, Gaussian, Health, Innovation, Linear
 
 Epoch = tuple[Transition, Measurement | None]
 
-SHOTS = 2  #: at the start from which the errors come to the estimate; each takes a tenth of what is left
+SHOTS = 2  #: corrections of the start from which the errors lead to the estimate; each leaves a tenth of the miss
 
 
 class TwoPassBelief(NamedTuple):
-    inner: Any  #: of the first filter, then of d
+    """The belief of the filter in use, and what the second pass needs."""
+
+    inner: Any  #: belief of the first filter, then that of d
     nominal: Array | None  #: x_ (..., n); None in the first pass
     prior: Gaussian
-    past: tuple[Epoch, ...]  #: of the first pass
+    past: tuple[Epoch, ...]  #: epochs of the first pass
 
     @property
     def health(self) -> Health:
-        """Of the filter in force; repairs of the first pass count on."""
+        """Health of the filter in use; repairs of the first pass are included."""
         health: Health = self.inner.health
         return health
 
 
 @dataclass(frozen=True)
 class TwoPassFilter:
-    """``first`` for ``relinearise_s`` seconds; then the tangent along a trajectory, for those seconds again and from there on."""
+    """A filter that starts again: the filter ``first`` for some seconds, then ``tangent`` for these again and all later ones.
 
-    relinearise_s: float = 120.0
-    first: Filter[Any] = field(default_factory=CKF)
-    tangent: Filter[Any] = field(default_factory=KF)  #: takes the tangent at d = 0
+    Raises:
+        ValueError: ``relinearise_s`` is not positive.
+    """
+
+    relinearise_s: float = 120.0  #: s, time of the first pass
+    first: Filter[Any] = field(default_factory=CKF)  #: the filter of the first pass
+    tangent: Filter[Any] = field(default_factory=KF)  #: the filter of d, with the tangent at d = 0
     batched = True
 
     def __post_init__(self) -> None:
@@ -62,7 +68,7 @@ class TwoPassFilter:
         return TwoPassBelief(self.first.init(prior, rng), None, prior, ())
 
     def step(self, b: TwoPassBelief, tr: Transition, me: Measurement | None) -> tuple[TwoPassBelief, Innovation | None]:
-        """One epoch; that at ``relinearise_s`` takes a second per thousand epochs and a few hundred runs."""
+        """Take one epoch; the one at ``relinearise_s`` takes a second per thousand epochs and a few hundred runs."""
         if b.nominal is not None:
             with _quiet():
                 return self._along(b, tr, me)
@@ -74,7 +80,7 @@ class TwoPassFilter:
             return self._again(b), innovation
 
     def _again(self, b: TwoPassBelief) -> TwoPassBelief:
-        """The second pass over the past; runs that the first one lost stay lost."""
+        """Make the second pass over the past; runs that the first pass lost stay lost."""
         health = b.inner.health
         nominal = _start(b.past, self.first.estimate(b.inner).mean)
         inner = self.tangent.init(Gaussian(b.prior.mean - nominal, b.prior.cov), None)
@@ -111,12 +117,12 @@ class TwoPassFilter:
 
 
 def _quiet() -> Any:
-    """Runs that are lost do not warn; the filters mark them."""
+    """Silence warnings of lost runs, because the filters mark these."""
     return np.errstate(invalid="ignore", over="ignore", divide="ignore")
 
 
 def _shifted(g: Function, at: Array, origin: Array | None = None) -> Function:
-    """d -> g(at + d) - origin, for d (..., n) and, as points, (..., points, n)."""
+    """Return the function d -> g(at + d) - origin, for d (..., n) and, as points, (..., points, n)."""
     if isinstance(g, Linear):
         return Linear(g.matrix, g(at) if origin is None else g(at) - origin)
 
@@ -129,9 +135,10 @@ def _shifted(g: Function, at: Array, origin: Array | None = None) -> Function:
 
 
 def _start(past: tuple[Epoch, ...], end: Array) -> Array:
-    """x_0_ (..., n) from which the misalignment comes to that of ``end``; with its biases, and the told velocity.
+    """Return the x_0_ (..., n) from which the misalignment leads to that of ``end``, with the biases of ``end``.
 
-    Velocity enters the error model by omega_en alone, so its trajectory need not be near the true one.
+    The velocity is the told one. It enters the error model only through omega_en, so its trajectory need not be near the
+    true one.
     """
     start = end.copy()
     start[..., DV] = 0.0
@@ -146,8 +153,8 @@ def _start(past: tuple[Epoch, ...], end: Array) -> Array:
 class TwoPass(Aligner):
     """The reference estimator: a cubature filter, and after 120 s a second, linear pass over all fixes from the start.
 
-    The settings are those of the pipeline, without its feedback: the loop is open. ``relinearise_s``: seconds of the fine
-    phase after which the second pass begins.
+    The settings are those of the pipeline, without ``feedback``, because the loop is open. ``relinearise_s`` is the time of the
+    fine phase after which the second pass begins, s.
     """
 
     def __init__(

@@ -1,4 +1,5 @@
-"""Aids: what holds the inertial solution, one file a sensor; a reading becomes a measurement of the error state.
+"""Aids: the sensors that hold the inertial solution, one file per sensor.
 
-``aid`` says what the pipeline asks of an aid; ``gps`` are the fixes.
+A reading comes in, and a measurement of the errors of the INS goes out. Read ``aid`` first, which says what the pipeline asks
+of an aid, then ``gps``, the fixes.
 """

@@ -1,4 +1,4 @@
-"""What the pipeline asks of an aid: its parameters, and measurements of the error state from observations."""
+"""What the pipeline asks of an aid: the states that it adds, and measurements of the errors from observations."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from solvers.types import Measurement
 
 
 class Aid(Protocol):
-    """A sensor as it is told, made anew for each episode; ``states`` is the layout that its measurements are of.
+    """A sensor as the task tells it, made anew for each episode.
 
-    A measurement is INS minus reading: z = h(x) + v, with the errors x as :mod:`solvers.pipeline.errors` has them.
-    docs/mathematics/error_models.md#measurement.
+    ``states`` is the layout of the errors x. A measurement is INS minus reading, z = h(x) + v, with the errors of
+    :mod:`solvers.pipeline.errors`. Equations: docs/mathematics/error_models.md#measurement.
     """
 
     def __init__(self, task: Task, states: Layout) -> None: ...
 
     @staticmethod
     def parameters(task: Task) -> tuple[Parameter, ...]:
-        """The states that the sensor adds to the errors of the INS."""
+        """Return the states that the sensor adds to the errors of the INS."""
         ...
 
     def start(self, obs: Observation, q_nb: Array) -> NavState:
-        """The state of the INS at the end of an epoch of the coarse phase, from which its attitude is known.
+        """Return the state of the INS at the end of an epoch of the coarse phase, with the attitude q_nb (..., 4).
 
-        Called at each epoch, so that the last reading is known at the end.
+        It is called at each epoch, so that the last reading is known at the end.
         """
         ...
 
     def hold(self, obs: Observation, nav: NavState) -> NavState:
-        """The INS's state with what a reading does to it directly, without the filter."""
+        """Return the state of the INS after what a reading changes in it directly, without the filter."""
         ...
 
     def measure(self, obs: Observation, nav: NavState) -> Measurement | None:
-        """The measurement at the INS's state ``nav``; None: no run has a reading."""
+        """Return the measurement at the INS's state ``nav``, or None if no run has a reading."""
         ...

@@ -1,8 +1,8 @@
 """GPS fixes, or zero-velocity updates in their place: velocity and position of an antenna with a lever arm.
-docs/mathematics/error_models.md#lever-arm.
 
-The error model's states say what a fix shows: its velocity as far as there are states ``dv``, and its position where there
-are states ``dp``. A model without a vertical velocity has that of the INS slaved to the fixes.
+The states of the error model say what a fix shows: the velocity for the states ``dv``, and the position if there are states
+``dp``. If the model has no vertical velocity, that of the INS is pulled towards the fixes.
+Equations: 000 (2.3.20); docs/mathematics/error_models.md#measurement and #lever-arm.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from solvers.pipeline.errors.model import Parameter
 from solvers.pipeline.strapdown import cross, end_rate
 from solvers.types import MISSING, Linear, Measurement, NoiseLaw
 
-VERTICAL_TIME_CONSTANT_S = 5.0  #: of the loop that slaves the INS's vertical velocity to the fixes
+VERTICAL_TIME_CONSTANT_S = 5.0  #: time constant of the loop that pulls the vertical velocity of the INS to the fixes
 
 
 class Gps:
-    """The aid. A fix is compared with the INS's velocity and place at the antenna, as the INS computes them."""
+    """The fixes as an aid. A fix is compared with the velocity and place of the antenna that the INS computes."""
 
     def __init__(self, task: Task, states: Layout) -> None:
         self._site, self._epoch_s = task.site.pos, task.epoch_s
@@ -33,14 +33,18 @@ class Gps:
         rows = FIX.places(self._fix.shown)
         self._R = task.prior.R[np.ix_(rows, rows)]
         self._position, self._vertical = "dp" in states, states.only("dv").size == 3
-        self._place: Array = np.full(3, np.nan)  # of the antenna, by the last fix of the coarse phase
+        self._place: Array = np.full(3, np.nan)  # place of the antenna at the last fix of the coarse phase
 
     @staticmethod
     def parameters(task: Task) -> tuple[Parameter, ...]:
+        """Return no states, because the told errors of fixes are white."""
         return ()
 
     def start(self, obs: Observation, q_nb: Array) -> NavState:
-        """Velocity of the fix, or zero; place of the last fix, or the site, where the base does not travel in any case."""
+        """Return the velocity of the fix or zero, and the place of the last fix or the site.
+
+        The site is always the place if the error model has no position, because the base then does not travel.
+        """
         self._place = np.where(obs["gps_valid"] == 1, obs["gps_pos"], self._place)
         vel, pos = obs["gps_vel"], self._place
         if self._lever is not None:
@@ -51,7 +55,7 @@ class Gps:
         return NavState(q_nb, vel * obs["gps_valid"], pos)
 
     def hold(self, obs: Observation, nav: NavState) -> NavState:
-        """Slaves the vertical velocity to the fixes, unless it is a state."""
+        """Pull the vertical velocity towards the fixes, unless it is a state of the error model."""
         valid = _valid(obs)
         if self._vertical or not valid.any():
             return nav
@@ -61,7 +65,7 @@ class Gps:
         return nav._replace(vel=vel)
 
     def measure(self, obs: Observation, nav: NavState) -> Measurement | None:
-        """INS minus fix."""
+        """Return INS minus fix at the antenna, or None if no run has a fix."""
         valid = _valid(obs)
         if not valid.any():
             return None
@@ -73,7 +77,7 @@ class Gps:
         return self._fix.measurement(residual, R, arm, self._law)
 
     def _off(self, obs: Observation, nav: NavState, arm: Array | None) -> Array:
-        """INS minus fix at the antenna: velocity m/s, and position m where there are states of it."""
+        """Return INS minus fix at the antenna: velocity m/s, and position m if the error model has states of it."""
         off = nav.vel - obs["gps_vel"]
         if self._position:
             away = earth.offset(self._earth, nav.pos, obs["gps_pos"])
@@ -84,7 +88,7 @@ class Gps:
         return None if self._lever is None else self._arm(obs, nav.q_nb)
 
     def _arm(self, obs: Observation, q_nb: Array) -> Array:
-        """Velocity C_hat (omega_eb x lever arm) and place C_hat lever arm of the antenna about the IMU, (..., 2, 3)."""
+        """Return velocity C_hat (omega_eb x lever arm) and place C_hat lever arm of the antenna about the IMU, (..., 2, 3)."""
         C = attitude.to_dcm(q_nb)
         arm = C @ np.asarray(self._lever)
         rate = np.matmul(C, end_rate(obs["dtheta"], self._epoch_s)[..., None])[..., 0] - self._rate_ie
@@ -92,7 +96,7 @@ class Gps:
 
 
 class Fix:
-    """The states of a layout that a fix shows: ``dv``, and ``dp`` if there is one."""
+    """The states of a layout that a fix shows: ``dv``, and ``dp`` if the layout has it."""
 
     def __init__(self, states: Layout) -> None:
         self.shown = states.only(*(name for name in FIX.names if name in states))
@@ -102,10 +106,10 @@ class Fix:
     def measurement(
         self, residual: Array, R: Array, arm: Array | None = None, law: NoiseLaw | None = None
     ) -> Measurement:
-        """INS minus fix (..., m), velocity m/s and position m: [I 0] x, plus the lever arm's part turned by phi. (2.3.20).
+        """Return the measurement of ``residual`` (..., m), INS minus fix: velocity m/s and position m, 000 (2.3.20).
 
-        ``arm`` (..., k, 3): C_hat (omega_eb x lever arm) and, with a position, C_hat lever arm, both already added to the
-        INS's values in ``residual``.
+        h picks the states that a fix shows. A lever arm adds a part that depends on phi: ``arm`` (..., k, 3) holds
+        C_hat (omega_eb x lever arm) and, with a position, C_hat lever arm. Both are already in the residual.
         """
         if arm is None:
             return Measurement(residual, Linear(self._H), R, law)
@@ -118,14 +122,14 @@ class Fix:
 
 
 def noise_law(gps: GpsSpec) -> NoiseLaw | None:
-    """The law of the fixes' errors that the task tells; None: Gaussian."""
+    """Return the law of the errors of fixes that the task tells; None: Gaussian."""
     if not (gps.contamination or gps.heavy_tail_dof):
         return None
     return NoiseLaw(gps.contamination, gps.contamination_factor, gps.heavy_tail_dof)
 
 
 def arm_error(phi: Array, arm: Array) -> Array:
-    """(I - C') a of the vectors ``arm`` (*batch, k, 3), one after another: (*batch, [points,] 3 k) for phi (..., 3)."""
+    """Return (I - C') a for the vectors ``arm`` (*batch, k, 3), side by side: (*batch, [points,] 3 k) for phi (..., 3)."""
     if phi.ndim >= arm.ndim:
         arm = arm[..., None, :, :]
     apart = arm - np.matmul(arm, attitude.misalignment_dcm(phi))  # rows: (C' a)' = a' C

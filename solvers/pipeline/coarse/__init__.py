@@ -1,10 +1,10 @@
-"""Coarse alignment: the attitude of a base that nobody has told it, from the IMU and, if there are any, the fixes.
+"""Coarse alignment: the unknown attitude of a base, from the IMU and, if there are any, the fixes.
 
     two_vector      the inertial frame, two of its pairs
     svd             the inertial frame, all pairs since the start: Wahba's problem by the SVD
     aided           the inertial frame, differences across windows with the velocity of the fixes, by the SVD
     oba             optimisation-based alignment: the pairs of ``aided``, by Davenport's q-method
-    oba_unaided     the same on the pairs of ``svd``
+    oba_unaided     the same with the pairs of ``svd``
     analytic1..3    mean force and mean rate of a base at rest
 
 A method is started by :func:`start`, takes epochs by ``add(obs)`` and gives ``attitude()`` at any time.
@@ -46,12 +46,16 @@ METHODS: dict[str, Callable[[Task, tuple[int, ...]], Coarse]] = {
 
 
 def check_method(method: str) -> None:
-    """Raises ValueError for an unknown method, with the nearest that exists."""
+    """Check the name of a method.
+
+    Raises:
+        ValueError: it is unknown; the message has the nearest name that exists.
+    """
     choice("coarse method", method, METHODS)
 
 
 def start(method: str, task: Task, batch: tuple[int, ...]) -> Coarse:
-    """The coarse phase of ``task`` by ``method`` for runs of shape ``batch``.
+    """Start the coarse phase of ``task`` by ``method``, for runs of shape ``batch``.
 
     Raises:
         ValueError: an unknown method.

@@ -1,4 +1,5 @@
-"""Error models of the inertial solution: how its errors grow between fixes, for alignment and for navigation.
+"""Error models of the inertial solution: how its errors grow between fixes, in alignment and in navigation.
 
-Read ``model``, ``alignment``, ``navigation``, ``invariant``.
+The motion of an epoch comes in, and a transition of the errors for a filter goes out. Read ``model`` first, then ``alignment``,
+``navigation`` and ``invariant``. Equations: docs/mathematics/error_models.md.
 """

@@ -1,17 +1,17 @@
 """The 10-state error model of alignment: how the INS's velocity error and misalignment grow over an epoch.
-docs/mathematics/error_models.md#alignment-model.
 
     x = [dV_E, dV_N,  phi_E, phi_N, phi_U,  nabla_x, nabla_y,  eps_x, eps_y, eps_z]
          m/s          rad                   mg (1e-3 g)        deg/h
 
-The default is the exact large-angle model: with every hatted quantity from the INS, C = C_n^c(phi), C_w of
-docs/mathematics/frames.md#misalignment,
+The default is exact for misalignments of any size. Quantities with a hat are the INS's, C = C_n^c(phi) and C_w are those of
+docs/mathematics/frames.md#misalignment:
 
     phi' = C_w^-1 [(I - C) omega_in + C d_omega_en - C_hat eps]
     dV'  = (I - C') f + C' C_hat nabla - (2 omega_ie + omega_en) x dV - d_omega_en x (V - dV),   rows E and N.
 
-``model="thesis"`` takes C to first order in the tilt and C_w = I, as (2.3.4) and (2.3.19) do (for comparison: 1 deg of
-tilt then biases the azimuth by 270 arcsec after 360 s). ``bias_frame="nav"`` takes the biases as constant in n, as the thesis does.
+The setting ``model="thesis"`` takes C to first order in the tilt and C_w = I, as (2.3.4) and (2.3.19) do. A tilt of 1 deg then
+biases the azimuth by 270 arcsec after 360 s. ``bias_frame="nav"`` takes the biases as constant in n, as the thesis does.
+Source: 000 (2.3.19), corrected; docs/mathematics/error_models.md#alignment-model and #first-order-model.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from solvers.pipeline.errors.model import (
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Transition
 
-#: The velocity error E and N, the biases of the accelerometers R and F, that of the gyros R, F and U.
+#: The states: velocity errors E and N, misalignment, accelerometer biases R and F, gyro biases R, F and U.
 STATES = Layout(
     (
         Block("dv", 2, "m/s"),
@@ -48,11 +48,11 @@ STATES = Layout(
     )
 )
 DV, PHI, NABLA, EPS = (STATES[name] for name in ("dv", "phi", "accel_bias", "gyro_bias"))
-CONSTANT = slice(PHI.stop, None)  #: what an epoch leaves as it is: biases, and parameters of aids
+CONSTANT = slice(PHI.stop, None)  #: states that an epoch does not change: biases, and parameters of aids
 
 
 def first_order_rows(phi: Array) -> Array:
-    """C_n^c to first order in phi_E, phi_N, components in front: (3, ...) -> (3, 3, ...). (2.3.4)."""
+    """Return C_n^c (3, 3, ...) to first order in phi_E and phi_N, for phi (3, ...) in rad: 000 (2.3.4)."""
     x, y, z = phi
     s, c = np.sin(z), np.cos(z)
     C = np.empty((3, *phi.shape))
@@ -63,7 +63,7 @@ def first_order_rows(phi: Array) -> Array:
 
 
 class AlignmentMap(EpochMap):
-    """x -> x after the epoch, of ten states and the parameters of aids."""
+    """The map of ten errors, and of the parameters of aids."""
 
     def __init__(self, motion: EpochMotion, exact: bool, body_biases: bool) -> None:
         super().__init__(motion, motion.C if body_biases else np.eye(3))
@@ -82,7 +82,7 @@ class AlignmentMap(EpochMap):
             C, s, c = attitude.misalignment_rows(phi)
         else:
             C = first_order_rows(phi)
-        rows = C[:, :2]  # of the velocity E and N
+        rows = C[:, :2]  # columns of C for the velocities E and N
         u = self.force - total(self.accel[:, :2] * nabla, axis=1)
         gain = self.force[:2] - total(rows * u[:, None], axis=0)  # (I - C') f + C' C_hat nabla, C at the start
         v = dV + 0.5 * gain  # mid-epoch
@@ -104,14 +104,10 @@ class AlignmentMap(EpochMap):
 
 @dataclass(frozen=True)
 class AlignmentErrors(ErrorModel):
-    """The model as settings; epochs are turned into transitions for a filter.
+    """The settings of the model, which makes transitions for a filter from epochs."""
 
-    ``exact``: for misalignments of any size, else to first order in the tilt. ``body_biases``: biases constant in body axes,
-    else in n.
-    """
-
-    exact: bool = True
-    body_biases: bool = True
+    exact: bool = True  #: whether misalignments may have any size; False: first order in the tilt
+    body_biases: bool = True  #: whether biases are constant in body axes; False: in n
 
     core = STATES
     fed = ("dv",)

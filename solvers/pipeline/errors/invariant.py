@@ -1,13 +1,15 @@
 """Coordinates of the errors: as the error model has them, or right-invariant on SE_2(3).
 
-The INS's state X_hat and the true X are (C, v, p); their right-invariant error is Exp(xi) = X_hat X^-1:
+The INS's state X_hat and the true state X are (C, v, p). Their right-invariant error is Exp(xi) = X_hat X^-1:
 
     Exp(-theta x) = C_n^c(phi),   eta_v = v_hat - C_n^c v = J xi_v,   eta_p = p_hat - C_n^c p = J xi_p
 
-with v = v_hat - dv, p = p_hat - dp, J the left Jacobian of SO(3) at -theta; p is in metres from the site. Biases stay as they
-are. A filter on xi sees the error model through this change of coordinates, at the INS's state of each epoch; what goes back
-into the INS is the exact error of its estimate. Where the earth is flat and at rest and there are no biases, an epoch is
-xi -> A xi exactly, with A independent of the motion (Barrau & Bonnabel 2017, theorem 2, doi:10.1109/TAC.2016.2594085).
+Here v = v_hat - dv, p = p_hat - dp is in metres from the site, and J is the left Jacobian of SO(3) at -theta. Biases stay as
+they are. A filter on xi sees the error model through this change of coordinates, at the INS's state of each epoch. Feedback into
+the INS is the exact error of the estimate. On a flat earth at rest, without biases, an epoch is xi -> A xi exactly, and A does
+not depend on the motion.
+Source: Barrau & Bonnabel (2017), theorem 2, doi:10.1109/TAC.2016.2594085;
+docs/mathematics/error_models.md#invariant-coordinates.
 """
 
 from __future__ import annotations
@@ -26,44 +28,50 @@ from solvers.blocks.mixtures import spread, widen
 from solvers.blocks.moments import tangent
 from solvers.types import Function, Gaussian, Measurement, Transition
 
-Maps = tuple[Function, Callable[[Array], Array]]
+Maps = tuple[Function, Callable[[Array], Array]]  #: a function and its Jacobian
 
 COORDINATES = ("euler", "invariant")
-SCALE = 0.1  #: of errors, for the steps of numerical Jacobians: a thousandth of a degree, 1e-5 m/s and m
-NOTHING = 1e-9  #: the size of errors up to which they are zero for a Jacobian: what rounding leaves after a reset
+SCALE = 0.1  #: size of errors for the steps of numerical Jacobians: 6e-4 deg, 1e-5 m/s and 1e-5 m
+NOTHING = 1e-9  #: size of errors that count as zero for a Jacobian, because rounding leaves them after a reset
 SMALL = 1e-4  #: squared angle below which series are used
 
 
 class Euler:
-    """The errors of the model, with the misalignment as Euler angles."""
+    """The errors of the model, with the misalignment as Euler angles: every method returns its argument unchanged."""
 
     def prior(self, x: Gaussian, nav: NavState) -> Gaussian:
+        """Return the prior in these coordinates."""
         return x
 
     def transition(self, tr: Transition, before: NavState, after: NavState) -> Transition:
+        """Return a transition in these coordinates, with the INS's states before and after the epoch."""
         return tr
 
     def measurement(self, me: Measurement, nav: NavState) -> Measurement:
+        """Return a measurement of the errors in these coordinates."""
         return me
 
     def errors(self, xi: Array, nav: NavState) -> Array:
-        """The model's errors of a filter's estimate."""
+        """Return the model's errors (..., n) for an estimate xi (..., n) of the filter."""
         return xi
 
     def gaussian(self, xi: Gaussian, nav: NavState) -> Gaussian:
+        """Return mean and covariance of the model's errors for an estimate of the filter."""
         return xi
 
     def reset(self, maps: Maps, before: NavState, after: NavState) -> Maps:
+        """Return a reset and its Jacobian in these coordinates, with the INS's states before and after it."""
         return maps
 
 
 class Invariant(Euler):
-    """Right-invariant errors of the model ``NavigationErrors``, whose states are told."""
+    """Right-invariant errors of the model ``NavigationErrors``, with its layout ``states``."""
 
     def __init__(self, model: Earth, site_pos: Array, states: Layout) -> None:
         self._model, self._site, self._states = model, np.asarray(site_pos), states
 
     def at(self, nav: NavState) -> Chart:
+        """Return the change of coordinates at a state of the INS."""
         if "dp" not in self._states:
             return Chart(nav.vel[..., None, :], self._states)
         return Chart(np.stack([nav.vel, earth.offset(self._model, self._site, nav.pos)], axis=-2), self._states)
@@ -89,14 +97,14 @@ class Invariant(Euler):
         return Gaussian(chart.errors(xi.mean), J @ xi.cov @ J.mT)
 
     def reset(self, maps: Maps, before: NavState, after: NavState) -> Maps:
-        """xi -> log(Exp(-xi_hat) Exp(xi)) and its Jacobian."""
+        """Return the reset xi -> log(Exp(-xi_hat) Exp(xi)) and its Jacobian."""
         g = Through(self.at(before), Jacobian(*maps), self.at(after))
         return g, g.jacobian
 
 
 @dataclass(frozen=True)
 class Jacobian:
-    """A function that knows its Jacobian."""
+    """A function with its Jacobian."""
 
     g: Function
     jacobian: Callable[[Array], Array]
@@ -107,18 +115,18 @@ class Jacobian:
 
 @dataclass(frozen=True)
 class Through:
-    """xi -> g(x of xi), as xi again where ``after`` is given; the Jacobian by the chain rule."""
+    """The function xi -> g(x(xi)), with its Jacobian by the chain rule."""
 
-    before: Chart
+    before: Chart  #: coordinates of the argument
     g: Function
-    after: Chart | None = None
+    after: Chart | None = None  #: coordinates of the result; None: it is no error, such as a measurement
 
     def __call__(self, xi: Array) -> Array:
         y = self.g(self.before.errors(xi))
         return y if self.after is None else self.after.invariant(y)
 
     def jacobian(self, xi: Array) -> Array:
-        """(..., m, n) at xi (..., n)."""
+        """Return the Jacobian (..., m, n) at xi (..., n)."""
         x = self.before.errors(xi)
         y, J = tangent(self.before.spread(self.g), x, np.full_like(x, SCALE))
         J = J @ self.before.errors_slope(xi)
@@ -126,9 +134,10 @@ class Through:
 
 
 class Chart:
-    """xi <-> x at an INS's state: ``held`` (..., k, 3), its velocity and, with k = 2, its place in metres from the site.
+    """The change of coordinates between xi and x at a state of the INS.
 
-    The misalignment and the errors of what is held, which stand first, change; the other states stay as they are.
+    ``held`` (..., k, 3) is the velocity in m/s and, with k = 2, the place in metres from the site. The misalignment and the
+    errors of velocity and place, which come first, change. The other states stay as they are.
     """
 
     def __init__(self, held: Array, states: Layout) -> None:
@@ -136,27 +145,27 @@ class Chart:
         self._phi, *self._rows = (states[name] for name in ("phi", "dv", "dp")[: 1 + held.shape[-2]])
 
     def spread(self, g: Function) -> Function:
-        """``g`` for the points around the components of a mixture, too."""
+        """Make ``g`` work for points around the components of a mixture too."""
         return spread(g, self._ndim - 1)
 
     def errors(self, xi: Array) -> Array:
-        """x (..., n) of xi (..., n)."""
+        """Return x (..., n) for xi (..., n)."""
         return self._planes(xi, self._errors)
 
     def invariant(self, x: Array) -> Array:
-        """xi (..., n) of x (..., n)."""
+        """Return xi (..., n) for x (..., n)."""
         return self._planes(x, self._invariant)
 
     def errors_slope(self, xi: Array) -> Array:
-        """d x / d xi (..., n, n); closed form at zero, where a closed loop keeps its filter."""
+        """Return d x / d xi (..., n, n), in closed form at zero, where a closed loop keeps the errors."""
         return self._slope(self.errors, xi, 2.0 * np.eye(self._size) - self.slope())  # (I + N)^-1 = I - N
 
     def invariant_slope(self, x: Array) -> Array:
-        """d xi / d x (..., n, n)."""
+        """Return d xi / d x (..., n, n)."""
         return self._slope(self.invariant, x, self.slope())
 
     def slope(self) -> Array:
-        """d xi / d x at zero (..., n, n)."""
+        """Return d xi / d x at zero (..., n, n)."""
         n = self._size
         D = np.broadcast_to(np.eye(n), (*self._held.shape[:-2], n, n)).copy()
         for i, rows in enumerate(self._rows):
@@ -164,7 +173,7 @@ class Chart:
         return D
 
     def _slope(self, g: Function, x: Array, at_zero: Array) -> Array:
-        """The Jacobian (..., n, n) of g at x: ``at_zero`` in the runs where x is nothing."""
+        """Return the Jacobian (..., n, n) of g at x; runs with a negligible x get ``at_zero``."""
         away = np.abs(x).max(axis=-1) > NOTHING
         if x.ndim == at_zero.ndim:  # components of a mixture
             at_zero = widen(at_zero)
@@ -213,14 +222,17 @@ class Chart:
 
 
 def turned(theta: Array, y: Array, a: Array | float, b: Array) -> Array:
-    """y + a theta x y + b theta x (theta x y), components in front."""
+    """Return y + a theta x y + b theta x (theta x y) for theta and y (3, ...)."""
     once = attitude.cross_planes(theta, y)
     moved: Array = y + a * once + b * attitude.cross_planes(theta, once)
     return moved
 
 
 def coefficients(theta: Array) -> tuple[Array, Array, Array, Array]:
-    """sin t / t, (1 - cos t) / t^2, (1 - sin t / t) / t^2 and (1 - (t / 2) cot(t / 2)) / t^2 of t = |theta|, (3, ...)."""
+    """Return sin t / t, (1 - cos t) / t^2, (1 - sin t / t) / t^2 and (1 - (t / 2) cot(t / 2)) / t^2 with t = |theta|.
+
+    ``theta`` is (3, ...) in rad.
+    """
     t2 = np.add.reduce(theta * theta, axis=0)
     t = np.sqrt(t2)
     a1, a2 = np.sinc(t / np.pi), 0.5 * np.sinc(0.5 * t / np.pi) ** 2

@@ -1,19 +1,18 @@
 """The 15-state error model of navigation: misalignment of any size, velocity, position and biases.
-docs/mathematics/error_models.md#navigation-model.
 
     x = [phi_E, phi_N, phi_U,  dv_E, dv_N, dv_U,  dp_E, dp_N, dp_U,  eps_x, eps_y, eps_z,  nabla_x, nabla_y, nabla_z]
          rad                   m/s                m                  deg/h                 mg (1e-3 g)
 
-in the order of :data:`sins_env.states.ERRORS`. With every hatted quantity from the INS and C = C_n^c(phi),
+The order is that of :data:`sins_env.states.ERRORS`. Quantities with a hat are the INS's, and C = C_n^c(phi):
 
     phi' = C_w^-1 [(I - C) omega_in + C d_omega_in - C_hat eps]
     dv'  = (I - C') f + C' C_hat nabla - (2 omega_ie + omega_en) x dv - (2 d_omega_ie + d_omega_en) x (v - dv) + d_g
     dp'  = dv + K dp,   d_omega_in = T dv + W dp
 
-dp = (dlambda (R_N + h) cos L, dL (R_M + h), dh), radii and latitude at the INS's place. K and W are the curvature of the
-earth on the true velocity v - dv (docs/mathematics/error_models.md#navigation-model has v: the difference counts in
-open loop, after kilometres). ``position=False``
-leaves dp out, for a base that does not travel: 12 states.
+Here dp = (dlambda (R_N + h) cos L, dL (R_M + h), dh), with radii and latitude at the INS's place. K and W hold the curvature of
+the earth, with the true velocity v - dv. The source has the computed velocity v. The difference counts only in open loop, after
+kilometres of position error. ``position=False`` leaves out dp for a base that does not travel, which makes 12 states.
+Source: 001 (5a), (5b), corrected; docs/mathematics/error_models.md#navigation-model.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ PHI, DV, DP = (STATES[name] for name in ("phi", "dv", "dp"))
 
 
 class NavigationMap(EpochMap):
-    """x -> x after the epoch, of the states of a layout: fifteen, or twelve without position, and the parameters of aids."""
+    """The map of fifteen errors, or of twelve without position, and of the parameters of aids."""
 
     def __init__(self, motion: EpochMotion, states: Layout) -> None:
         super().__init__(motion, motion.C)
@@ -57,7 +56,7 @@ class NavigationMap(EpochMap):
             self._place(motion)
 
     def _place(self, motion: EpochMotion) -> None:
-        """What a position error does, per metre: to omega_ie, to gravity, and by the curvature of the earth."""
+        """Set what a position error of a metre changes: omega_ie, gravity, and, by the earth's curvature, omega_en and dp."""
         h, vN, vU = motion.dt, self._vel[1], self._vel[2]
         T = front(motion.transport, 2, self._ndim)
         self._curve = E, N = np.stack([T[1, 0], -T[0, 1]])  # 1 / (R_N + h), 1 / (R_M + h)
@@ -65,7 +64,7 @@ class NavigationMap(EpochMap):
         rate_ie = front(motion.rate_ie, 1, self._ndim)
         self._ie = h * N * np.stack([-rate_ie[2], rate_ie[1]])
         self._gravity_north = -h * N * front(motion.gravity_slope[..., None], 1, self._ndim)[0]
-        self._scale = h * np.stack([vU * E - vN * N * tan, vU * N])  # of dp, as the INS moves
+        self._scale = h * np.stack([vU * E - vN * N * tan, vU * N])  # change of scale of dp as the INS moves
 
     def advance(self, X: Array) -> Array:
         phi, dv, eps, nabla = X[PHI], X[DV], X[self._eps], X[self._nabla]
@@ -99,7 +98,7 @@ class NavigationMap(EpochMap):
         return out
 
     def _curved(self, v: Array, p: Array) -> tuple[Array, Array]:
-        """What a position error p changes in the rotation omega_en of the epoch (3, ...) and in dp itself (2, ...)."""
+        """Return the changes by a position error p: of the rotation omega_en of the epoch (3, ...), and of dp (2, ...)."""
         E, N = self._curve
         east, north = (self._h * self._curve) * v[:2]  # angles flown
         drop, lead = E * p[2], self._tan * N * p[1]
@@ -115,9 +114,9 @@ class NavigationMap(EpochMap):
 
 @dataclass(frozen=True)
 class NavigationErrors(ErrorModel):
-    """The model as settings; epochs are turned into transitions for a filter."""
+    """The settings of the model, which makes transitions for a filter from epochs."""
 
-    position: bool = True
+    position: bool = True  #: whether the position errors dp are states
 
     @property
     def core(self) -> Layout:  # type: ignore[override]
@@ -128,7 +127,7 @@ class NavigationErrors(ErrorModel):
         return self.core.without("phi").names
 
     def noise(self, prior: Prior) -> Array:
-        """Q (n, n) of one epoch; white acceleration of density q gives dv and dp q [T, T^2/2; T^2/2, T^3/3]."""
+        """Return Q (n, n) of one epoch; white acceleration of density q gives dv and dp q [T, T^2/2; T^2/2, T^3/3]."""
         Q, T, dv, dp = prior.Q.copy(), prior.epoch_s, ERRORS["dv"], ERRORS["dp"]
         Q[dv, dp] = Q[dp, dv] = 0.5 * T * prior.Q[dv, dv]
         Q[dp, dp] = T * T / 3 * prior.Q[dv, dv]
