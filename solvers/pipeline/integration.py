@@ -133,10 +133,9 @@ class Integration(ABC):
         assert self._ins is not None
         before = self._ins.nav
         self._ins, motion = self._strapdown.advance(self._ins, *self._increments(obs))
-        ins = self._aid.hold(obs, self._ins.nav)
+        ins, measurement = self._aid.read(obs, self._ins.nav)
         self._ins = self._ins._replace(nav=ins)
         transition = self._coordinates.transition(self._errors.transition(motion, self._Q), before, ins)
-        measurement = self._aid.measure(obs, ins)
         if measurement is not None:
             measurement = self._coordinates.measurement(measurement, ins)
         self._belief, _ = self.filter.step(self._belief, transition, measurement)

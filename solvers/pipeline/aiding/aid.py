@@ -32,10 +32,9 @@ class Aid(Protocol):
         """
         ...
 
-    def hold(self, obs: Observation, nav: NavState) -> NavState:
-        """Return the state of the INS after what a reading changes in it directly, without the filter."""
-        ...
+    def read(self, obs: Observation, nav: NavState) -> tuple[NavState, Measurement | None]:
+        """The INS's state ``nav`` with what a reading does to it directly, and the measurement there.
 
-    def measure(self, obs: Observation, nav: NavState) -> Measurement | None:
-        """Return the measurement at the INS's state ``nav``, or None if no run has a reading."""
+        The measurement is None if no run has a reading.
+        """
         ...

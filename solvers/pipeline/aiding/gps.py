@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from sins_env import attitude, earth
-from sins_env.arrays import Array, Mask
+from sins_env.arrays import Array
 from sins_env.specs import GpsSpec
 from sins_env.states import FIX, Layout
 from sins_env.types import NavState, Observation, Task
@@ -54,27 +54,22 @@ class Gps:
         pos = np.where(np.isnan(pos), site, pos) if self._position else site
         return NavState(q_nb, vel * obs["gps_valid"], pos)
 
-    def hold(self, obs: Observation, nav: NavState) -> NavState:
-        """Pull the vertical velocity towards the fixes, unless it is a state of the error model."""
-        valid = _valid(obs)
-        if self._vertical or not valid.any():
-            return nav
-        vel = nav.vel.copy()
-        off = self._off(obs, nav, self._arm_of(obs, nav))[..., 2]
-        vel[..., 2] -= valid * min(self._epoch_s / VERTICAL_TIME_CONSTANT_S, 1.0) * off
-        return nav._replace(vel=vel)
-
-    def measure(self, obs: Observation, nav: NavState) -> Measurement | None:
-        """Return INS minus fix at the antenna, or None if no run has a fix."""
-        valid = _valid(obs)
+    def read(self, obs: Observation, nav: NavState) -> tuple[NavState, Measurement | None]:
+        """The INS, its vertical velocity slaved to the fixes unless it is a state, and INS minus fix."""
+        valid = np.asarray(obs["gps_valid"][..., 0] == 1)
         if not valid.any():
-            return None
-        arm, R = self._arm_of(obs, nav), self._R
-        residual = self._off(obs, nav, arm)[..., : len(R)]
+            return nav, None
+        arm, R = None if self._lever is None else self._arm(obs, nav.q_nb), self._R
+        off = self._off(obs, nav, arm)
+        if not self._vertical:
+            vel = nav.vel.copy()
+            vel[..., 2] -= valid * min(self._epoch_s / VERTICAL_TIME_CONSTANT_S, 1.0) * off[..., 2]
+            nav = nav._replace(vel=vel)
+        residual = off[..., : len(R)]
         if not valid.all():
             residual = np.where(valid[..., None], residual, 0.0)
             R = R + np.where(valid, 0.0, MISSING)[..., None, None] * np.eye(len(R))
-        return self._fix.measurement(residual, R, arm, self._law)
+        return nav, self._fix.measurement(residual, R, arm, self._law)
 
     def _off(self, obs: Observation, nav: NavState, arm: Array | None) -> Array:
         """Return INS minus fix at the antenna: velocity m/s, and position m if the error model has states of it."""
@@ -83,9 +78,6 @@ class Gps:
             away = earth.offset(self._earth, nav.pos, obs["gps_pos"])
             off = np.concatenate([off, -away], axis=-1)
         return off if arm is None else off + arm.reshape(*arm.shape[:-2], 6)[..., : off.shape[-1]]
-
-    def _arm_of(self, obs: Observation, nav: NavState) -> Array | None:
-        return None if self._lever is None else self._arm(obs, nav.q_nb)
 
     def _arm(self, obs: Observation, q_nb: Array) -> Array:
         """Return velocity C_hat (omega_eb x lever arm) and place C_hat lever arm of the antenna about the IMU, (..., 2, 3)."""
@@ -134,7 +126,3 @@ def arm_error(phi: Array, arm: Array) -> Array:
         arm = arm[..., None, :, :]
     apart = arm - np.matmul(arm, attitude.misalignment_dcm(phi))  # rows: (C' a)' = a' C
     return apart.reshape(*apart.shape[:-2], -1)
-
-
-def _valid(obs: Observation) -> Mask:
-    return np.asarray(obs["gps_valid"][..., 0] == 1)

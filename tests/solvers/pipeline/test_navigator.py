@@ -170,7 +170,7 @@ def test_the_antimeridian_is_no_border():
     start, over = task.start._replace(pos=pos), earth.displace(model, pos, np.array([5.0, 1.0, 2.0]))
     over[1] -= 2 * np.pi
     fix = {"gps_vel": start.vel, "gps_pos": over, "gps_valid": np.ones(1)}
-    measurement = Gps(task, NavigationErrors().states).measure(fix, start)
+    _, measurement = Gps(task, NavigationErrors().states).read(fix, start)
     np.testing.assert_allclose(measurement.z, [0, 0, 0, -5, -1, -2], atol=1e-4)
 
 

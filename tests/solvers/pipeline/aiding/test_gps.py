@@ -51,7 +51,7 @@ def fixes(task, runs):
 def test_a_measurement_is_the_ins_less_the_fix_at_the_antenna(task, errors, arm):
     """As many components as the states show: two, three or six."""
     obs, nav = fixes(task, 5)
-    me = Gps(with_arm(task, *arm), errors.states).measure(obs, nav)
+    _, me = Gps(with_arm(task, *arm), errors.states).read(obs, nav)
     C = attitude.to_dcm(nav.q_nb)
     rate = obs["dtheta"].sum(axis=1) / task.epoch_s - C.mT @ earth.rate_n(MODEL, task.site.latitude)
     vel = nav.vel + (C @ np.cross(rate, arm)[..., None])[..., 0] - obs["gps_vel"]
@@ -67,12 +67,14 @@ def test_runs_without_a_fix(task):
     obs, nav = fixes(task, 3)
     gps = Gps(task, NavigationErrors().states)
     obs["gps_valid"][1] = 0
-    me = gps.measure(obs, nav)
+    _, me = gps.read(obs, nav)
     np.testing.assert_array_equal(me.z[1], 0.0)
     assert me.R[1, 0, 0] >= MISSING > me.R[0, 0, 0]
     obs["gps_valid"][:] = 0
-    assert gps.measure(obs, nav) is None
-    assert Gps(task, AlignmentErrors().states).hold(obs, nav) is nav
+    for errors in (NavigationErrors(), AlignmentErrors()):
+        after, me = Gps(task, errors.states).read(obs, nav)
+        assert after is nav
+        assert me is None
 
 
 @pytest.mark.parametrize("arm", [(0.0, 0.0, 0.0), (1.0, -2.0, 0.5)])
@@ -80,13 +82,13 @@ def test_a_vertical_velocity_that_is_no_state_is_held(task, arm):
     obs, nav = fixes(task, 3)
     obs["gps_valid"][1] = 0
     told = with_arm(task, *arm)
-    held = Gps(told, AlignmentErrors().states).hold(obs, nav)
-    off = Gps(told, NavigationErrors(position=False).states).measure(obs, nav).z[:, 2]
-    moved = off * task.epoch_s / VERTICAL_TIME_CONSTANT_S
-    moved[1] = 0.0
+    held, two = Gps(told, AlignmentErrors().states).read(obs, nav)
+    free, three = Gps(told, NavigationErrors(position=False).states).read(obs, nav)
+    moved = three.z[:, 2] * task.epoch_s / VERTICAL_TIME_CONSTANT_S
     np.testing.assert_allclose(nav.vel[:, 2] - held.vel[:, 2], moved, atol=1e-14)
     np.testing.assert_array_equal(held.vel[:, :2], nav.vel[:, :2])
-    assert Gps(told, NavigationErrors(position=False).states).hold(obs, nav) is nav
+    np.testing.assert_array_equal(two.z, three.z[:, :2])
+    assert free is nav
 
 
 class OffsetGps(Gps):
@@ -100,15 +102,15 @@ class OffsetGps(Gps):
     def parameters(task):
         return (Parameter("gps.offset", 3, "cm/s", 0.01, std=0.5),)
 
-    def measure(self, obs, nav):
-        me = super().measure(obs, nav)
+    def read(self, obs, nav):
+        nav, me = super().read(obs, nav)
 
         def h(x):
             shown = me.h(x).copy()
             shown[..., :3] -= 0.01 * x[..., self.offset]
             return shown
 
-        return me and me._replace(h=h)
+        return nav, me and me._replace(h=h)
 
 
 class OffsetNavigator(Navigator):
