@@ -21,6 +21,7 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from sins_env.checks import unknown
+from sins_env.evaluation.estimators.isolation import Here
 from sins_env.evaluation.estimators.memory import keep_freed_memory
 from sins_env.evaluation.speed.timing import Probe
 from sins_env.evaluation.tasks.catalogue import get_task
@@ -56,7 +57,7 @@ class Recorder:
 def record(task: str, runs: int) -> Recorder:
     """Record the transitions and fixes of the first epochs of a task, with the INS open loop; one run has no run axis."""
     recorder = Recorder(runs)
-    probe = Probe(get_task(task), lambda: Aligner(recorder, feedback="open"), {}, runs, warm_up=EPOCHS)
+    probe = Probe(get_task(task), Here(lambda: Aligner(recorder, feedback="open")), runs, warm_up=EPOCHS)
     probe.close()
     return recorder
 

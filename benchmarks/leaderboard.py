@@ -48,7 +48,7 @@ def run(store: Store, most: int | None = None, workers: int | None = None, only:
     names = {task.name for task in chosen}
     for part in suite.SUITE:
         wanted = part.evaluations(most) if part.task in names else []
-        fill(store, wanted, workers=workers, chunk=CHUNK, cost=False, resume="the same command continues")
+        fill(store, wanted, workers=workers, chunk=CHUNK)
 
 
 def measure(store: Store, anew: bool = False) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 import solvers
 from sins_env import attitude, earth
+from sins_env.evaluation.estimators.isolation import Here
 from sins_env.evaluation.speed.timing import Probe
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.types import NavState, Observation, Rng, Task
@@ -46,7 +47,7 @@ class Tape:
 def record(steps: int) -> Tape:
     """Record the first run of the task, with one epoch more than ``steps``."""
     tape = Tape()
-    Probe(get_task(TASK), lambda: tape, {}, 1, warm_up=steps + 1).close()
+    Probe(get_task(TASK), Here(lambda: tape), warm_up=steps + 1).close()
     return tape
 
 

@@ -16,6 +16,7 @@ from costs import Recorder
 from numpy.typing import NDArray
 
 from peers.plain_map import coefficients, plain
+from sins_env.evaluation.estimators.isolation import Here
 from sins_env.evaluation.speed.timing import Probe
 from sins_env.evaluation.tasks.catalogue import get_task
 from solvers.blocks.moments import tangent
@@ -118,7 +119,7 @@ def record(task: str, runs: int, steps: int) -> Problem:
         aligner.errors = errors
         return aligner
 
-    Probe(get_task(task), recording, {}, runs, warm_up=steps).close()
+    Probe(get_task(task), Here(recording), runs, warm_up=steps).close()
     transitions, fixes = zip(*recorder.epochs, strict=True)
     prior: Gaussian = recorder.prior
     assert all(fix.law is None and fix.R.shape == (2, 2) for fix in fixes), "a Gaussian fix at each epoch"

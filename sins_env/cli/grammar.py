@@ -179,6 +179,7 @@ def _hold_against(verb: Verb) -> None:
     _add_spans(sub, "--outage", ("START", "END"), text)
     sub.add_argument("--seed", type=seed, default=0, metavar="N", help="of solvers that draw")
     _add_settings(sub)
+    _add_timeout(sub)
     sub.add_argument("--plot", metavar="FILE", help="draw heading, pitch, roll and their spread")
 
     sub = verb("convert", "verbs.recordings:convert", "a recording in another format", _FORMATS)
@@ -198,6 +199,7 @@ def _hold_against(verb: Verb) -> None:
     sub.add_argument("solver", metavar="SOLVER", nargs="?", default="ckf", help=f"{_SOLVER} (default ckf)")
     sub.add_argument("--task", default="sway-white-v0", metavar="NAME", help="default sway-white-v0")
     sub.add_argument("--runs", type=count, nargs="+", default=[256, 1], metavar="N", help="batch sizes (default 256 1)")
+    _add_timeout(sub)
 
 
 def _add_settings(sub: argparse.ArgumentParser) -> None:
@@ -208,6 +210,10 @@ def _add_suite(sub: argparse.ArgumentParser) -> None:
     """Options of verbs that play runs of a suite."""
     sub.add_argument("--seed", type=seed, metavar="N", help=_SEED)
     _add_settings(sub)
+    _add_timeout(sub)
+
+
+def _add_timeout(sub: argparse.ArgumentParser) -> None:
     text = "a run has failed if one call of the solver takes longer, s (default: no limit)"
     sub.add_argument("--timeout", type=positive, metavar="S", help=text)
 

@@ -2,42 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
-from itertools import pairwise
 from typing import Any
 
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.estimators.isolation import check_timeout
 from sins_env.evaluation.play.executors import Runner, runner
-from sins_env.evaluation.play.playing import Job, lost_records
-from sins_env.evaluation.play.pool import Processes
+from sins_env.evaluation.play.job import Job
+from sins_env.evaluation.play.queue import Report, chunks, extent, played
 from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.speed.cost import Cost, measure_cost
+from sins_env.evaluation.speed.cost import cost_of
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask, run_numbers, suite_hash
-
-#: simulated seconds done, and in all, summed over runs
-Report = Callable[[float, float], None]
-
-CHUNK_LEAST, CHUNK_MOST = 64, 256
-DIED = "its worker process died twice (out of memory, or a crash)"
-
-
-def chunks(runs: Sequence[int], size: int | None = None) -> list[tuple[int, ...]]:
-    """Runs in even portions of at most ``size``; by default of 64 to 256, and whatever the number of workers.
-
-    Raises:
-        ValueError: a size below one.
-    """
-    if size is not None and size < 1:
-        raise ValueError(f"chunk = {size!r}; allowed: at least 1")
-    size = size or min(max(math.ceil(len(runs) / 8), CHUNK_LEAST), CHUNK_MOST)
-    count = math.ceil(len(runs) / size)
-    edges = [round(i * len(runs) / count) for i in range(count + 1)]
-    return [tuple(runs[a:b]) for a, b in pairwise(edges)]
 
 
 def evaluate(
@@ -82,44 +60,19 @@ def evaluate(
     task.check_runs(wanted[-1] + 1)
     given = dict(settings or {})
     finding.make(solver, given)
-    epoch, total = extent(task, len(wanted))
     check_timeout(epoch_timeout_s)
     jobs = [Job(task, solver, part, given, seed, epoch_timeout_s) for part in chunks(wanted, chunk)]
     jobs[0].rngs()  # refuses a bad seed here rather than in a worker
-    report = progress or (lambda done, total: None)
     parts: list[Records] = []
     with runner(executor, workers, len(jobs)) as where:
-        for job, found in where.run(jobs, lambda done: report(min(done * epoch, total), total)):
-            records = found or lost_records(job, DIED)
+        for _, records in played(jobs, where, progress):
             parts.append(records)
             if on_records:
                 on_records(records)
-        report(total, total)
         together = Records.concat(parts)
-        measured = _cost(where, jobs[0], together) if cost else None
+        measured = cost_of(jobs[0], where) if cost and not (together.status == "lost").any() else None
     name = finding.solver_name(solver)
     return Results(task, name, given, suite_hash(task, seed), together, measured)
-
-
-def _cost(where: Runner, job: Job, records: Records) -> Cost | None:
-    """Measured in a worker where there are some; None for a solver that kills its process, or stays in it for ever."""
-    if (records.status == "lost").any():
-        return None
-    what = job.task, job.solver, job.settings, job.epoch_timeout_s
-    if isinstance(where, Processes):
-        return where.call(measure_cost, *what)
-    if job.epoch_timeout_s is None:
-        return measure_cost(*what)
-    with Processes(1) as worker:  # a step that takes too long ends it
-        return worker.call(measure_cost, *what)
-
-
-def extent(task: EvaluationTask, runs: int) -> tuple[float, float]:
-    """Length of an epoch, and of all runs together, s."""
-    env = task.make(1)
-    public = env.unwrapped.task  # type: ignore[attr-defined]
-    env.close()
-    return public.epoch_s, runs * public.num_epochs * public.epoch_s
 
 
 __all__ = ["Report", "Results", "chunks", "evaluate", "extent"]

@@ -297,7 +297,7 @@ def test_interrupted_evaluation_resumes_to_the_same_table(cli, short, start_of):
     at = PLUGIN + "At"
     code, _, err = cli(*evaluation(*given, "--set", 'how="interrupt"', runs=6, solver=at))
     assert code == 130
-    assert err == [f"sins-env: interrupted: 4 runs of {at} on short-v0 are in results.sqlite; --resume continues"]
+    assert err == ["sins-env: interrupted: 4 of 6 runs are in results.sqlite; --resume continues"]
     assert table(cli)[0]["runs"] == 4
     assert cli(*evaluation(*given, "--set", 'how="interrupt"', "--resume", runs=4, solver=at))[0] == 0
 
@@ -502,7 +502,7 @@ def test_ctrl_c_keeps_what_is_done(tmp_path):
     assert slow.returncode == 130
     kept = count(path)
     assert kept >= 2
-    what = f"{kept} runs of {PLUGIN}Slow on short-v0 are in results.sqlite"
+    what = f"{kept} of 60 runs are in results.sqlite"
     assert err == f"sins-env: interrupted: {what}; --resume continues\n"
     assert emptied(slow.pid), "a worker is left"
 

@@ -7,6 +7,7 @@ from argparse import Namespace
 from rich.console import Console
 
 from sins_env.cli.output import RunFailed, remark
+from sins_env.evaluation.estimators import isolation
 from sins_env.evaluation.estimators.guard import EstimatorError
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.show.style import titled
@@ -15,12 +16,13 @@ from sins_env.evaluation.speed import bench as speed
 
 def bench(given: Namespace, console: Console) -> int:
     """Speed, in CPU time on one thread."""
-    batches, remarks = speed.fitting(given.solver, given.task, given.runs)
-    for text in remarks:
-        remark(text)
+    apart = isolation.limit(given.solver, given.timeout)
     try:
-        with Bar(f"bench of {given.solver}") as bar:
-            speeds = speed.measure(given.solver, given.task, batches=batches, progress=bar.update)
+        with isolation.hosted(given.solver, {}, apart) as host, Bar(f"bench of {given.solver}") as bar:
+            batches, remarks = speed.fitting(host, given.task, given.runs)
+            for text in remarks:
+                remark(text)
+            speeds = speed.measure(host, given.task, batches, progress=bar.update)
     except EstimatorError as error:
         raise RunFailed(f"{given.solver} on {given.task}: {error}") from error
     table = titled(f"{given.solver} on {given.task}")
@@ -31,9 +33,12 @@ def bench(given: Namespace, console: Console) -> int:
         bold = "bold" if one.part == "whole chain" else ""
         cells = (one.part, str(one.runs), f"{one.real_time:,.0f}", f"{one.epoch_us:.2f}")
         table.add_row(*cells, style=bold, end_section=i % 3 == 2)
-    table.caption, table.caption_justify = (
-        "CPU time, one thread, fine phase; median over blocks of epochs",
-        "left",
-    )
+    table.caption, table.caption_justify = _measured(apart is not None), "left"
     console.print(table)
     return 0
+
+
+def _measured(apart: bool) -> str:
+    """What the times are of."""
+    text = "CPU time, one thread, fine phase; median over blocks of epochs"
+    return f"{text}; the estimator's in a process of its own, without the way there and back" if apart else text

@@ -54,10 +54,12 @@ def evaluate(given: Namespace, console: Console) -> int:
             store,
             wanted,
             given.seed,
+            timed=wanted,
             executor=given.executor,
             workers=given.workers,
             chunk=given.chunk,
             epoch_timeout_s=given.timeout,
+            resume="--resume continues",
         )
         results = [store.results(one.key, range(given.runs)) for one in wanted]
     terminal_tables.print_tables(results, console)

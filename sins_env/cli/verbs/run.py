@@ -4,7 +4,6 @@ Tables go to standard output, progress and remarks to standard error."""
 
 from __future__ import annotations
 
-import math
 from argparse import Namespace
 from typing import Any
 
@@ -15,7 +14,7 @@ from rich.text import Text
 
 from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
 from sins_env.evaluation import monte_carlo
-from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.estimators import isolation
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.play.one_run import Course, run_episode
 from sins_env.evaluation.play.progress import Bar
@@ -33,7 +32,6 @@ def run(given: Namespace, console: Console) -> int:
     """One episode with live errors."""
     task, settings = get_task(given.task), dict(given.set)
     check_plot(given.plot)
-    finding.make(given.solver, settings)
     with Bar(f"{given.solver} on {task.name}") as bar:
 
         def watch(k: int, phi: Any, sigma: Any) -> None:
@@ -42,10 +40,14 @@ def run(given: Namespace, console: Console) -> int:
                 bar.update(k * epoch, total, note)
 
         epoch, total = monte_carlo.extent(task, 1)
-        # A solver of somebody else gets a process of its own: whatever it does to it, this one says what it was.
-        timeout = given.timeout or (None if finding.is_own(given.solver) else math.inf)
         course = run_episode(
-            task, given.solver, given.run, given.seed, settings=settings, observer=watch, epoch_timeout_s=timeout
+            task,
+            given.solver,
+            given.run,
+            given.seed,
+            settings=settings,
+            observer=watch,
+            epoch_timeout_s=isolation.limit(given.solver, given.timeout),
         )
     records = course.records
     if records.status[0] == "raised" and given.traceback:

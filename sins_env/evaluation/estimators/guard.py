@@ -4,26 +4,30 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import types
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Obs
 
+Clock = Callable[[], float]
+Health = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
 MAX_TRACEBACK = 6000  #: characters kept
 
 
 class EstimatorError(Exception):
     """An estimator raised, returned what is no action, took too long, or ended its process.
 
-    ``__cause__`` is its own exception, or ``trace`` its traceback where that happened in another process.
+    ``__cause__`` is its own exception, or ``trace`` its traceback where that happened in another process. ``ended`` tells
+    how its process ended; it is empty where that did not happen.
     """
 
     trace = ""
+    ended = ""
 
     @property
     def text(self) -> str:
@@ -32,12 +36,44 @@ class EstimatorError(Exception):
         return self.trace or ("".join(traceback.format_exception(cause))[-MAX_TRACEBACK:] if cause else str(self))
 
 
-class Guard:
-    """An estimator whose exceptions and malformed returns become :class:`EstimatorError`, with a clock."""
+class Guarded(Protocol):
+    """What the loop needs of an estimator, wherever it is; all runs have a leading axis, even one."""
 
-    def __init__(self, estimator: Any, num_runs: int) -> None:
-        self.estimator, self.num_runs = estimator, num_runs
-        self.batched = bool(estimator.batched)
+    num_runs: int
+    clock: Clock
+    seconds: float  #: by the clock, of all steps since this guard was made
+    steps: int
+
+    def reset(self, task: types.Task, rngs: Sequence[np.random.Generator]) -> None:
+        """Begin the runs anew, each with its own generator."""
+        ...
+
+    def step(self, obs: Obs) -> Array:
+        """(R, 4), or (R, 10) of a navigation task; only the estimator's own time is counted."""
+        ...
+
+    def covariance(self) -> Array | None:
+        """(R, 3, 3) rad^2, or (R, 9, 9) of a navigation task; None where the estimator has none."""
+        ...
+
+    def health(self) -> Health:
+        """Covariance repairs, fallbacks, and the epoch at which each run froze (-1: none), where they are reported."""
+        ...
+
+
+class Guard:
+    """An estimator whose exceptions and malformed returns become :class:`EstimatorError`, with a clock.
+
+    Args:
+        batched: whether it is called with a run axis; None asks the estimator. A batched one takes single runs as well.
+        clock: by which its steps are timed; ``time.process_time`` counts CPU time.
+    """
+
+    def __init__(
+        self, estimator: Any, num_runs: int, batched: bool | None = None, clock: Clock = time.perf_counter
+    ) -> None:
+        self.estimator, self.num_runs, self.clock = estimator, num_runs, clock
+        self.batched = bool(estimator.batched) if batched is None else batched
         self.seconds, self.steps = 0.0, 0
         self.navigate = False  #: what the task of the last reset asks for
 
@@ -64,18 +100,16 @@ class Guard:
             start = task.start and types.NavState(*(part[0] for part in task.start))
             self._call("reset", replace(task, start=start), rngs[0], 1)
 
-    def step(self, obs: Any) -> Array:
-        """(R, 4), or (R, 10) of a navigation task; only the estimator's own time is counted."""
+    def step(self, obs: Obs) -> Array:
         if not self.batched:
             obs = {name: value[0] for name, value in obs.items()}
-        begin = time.perf_counter()
+        begin = self.clock()
         action = self._call("step", obs)
-        self.seconds += time.perf_counter() - begin
+        self.seconds += self.clock() - begin
         self.steps += 1
         return self._array("step", action, 10 if self.navigate else 4)
 
     def covariance(self) -> Array | None:
-        """(R, 3, 3) rad^2, or (R, 9, 9) of a navigation task; None where the estimator has none."""
         n = 9 if self.navigate else 3
         return self._array("covariance", self._call("covariance"), n, n) if self.offers("covariance") else None
 
@@ -95,8 +129,7 @@ class Guard:
             raise EstimatorError(f"{name} returned shape {array.shape}; allowed: {expected}")
         return array.reshape(self.num_runs, *shape)
 
-    def health(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Covariance repairs, fallbacks, and the epoch at which each run froze (-1: none), where they are reported."""
+    def health(self) -> Health:
         if not self.offers("health"):
             none = np.zeros(self.num_runs, dtype=np.int64)
             return none, none, none - 1

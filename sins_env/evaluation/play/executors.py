@@ -18,7 +18,8 @@ from typing import Any, Protocol
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sins_env.checks import unknown
-from sins_env.evaluation.play.playing import Job, run_job
+from sins_env.evaluation.play.job import Job
+from sins_env.evaluation.play.playing import run_job
 from sins_env.evaluation.play.pool import Finished, Processes, Progress, available_cores
 from sins_env.evaluation.play.records import Records
 

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from sins_env.arrays import Array
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.estimators.isolation import check_timeout
-from sins_env.evaluation.play.playing import Job, Observer, made, play
+from sins_env.evaluation.play.job import Job
+from sins_env.evaluation.play.playing import Observer, play
 from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask, run_numbers
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Course:
     """One run at full rate, for figures."""
 
@@ -30,6 +31,10 @@ class Course:
     def phi(self) -> Array:
         """(K, 3) rad."""
         return self.errors[:, :3]
+
+    def __repr__(self) -> str:
+        records = self.records
+        return f"<Course of run {records.run[0]}: {len(self.t)} epochs, {records.reason[0] or records.status[0]}>"
 
 
 def run_episode(
@@ -64,7 +69,7 @@ def run_episode(
             observer(k, errors, sigma)
 
     job = Job(task, solver, (run,), dict(settings or {}), seed, epoch_timeout_s)
-    with made(job) as estimator:
-        records = play(job, estimator, observer=keep)
+    with job.host() as host:
+        records = play(job, host, observer=keep)
     t, width = (1 + np.arange(len(kept))) * records.criteria.epoch_s, 9 if records.criteria.navigates else 3
     return Course(records, t, np.array(kept).reshape(-1, width), np.array(sigmas).reshape(-1, width))

@@ -1,4 +1,4 @@
-"""Playing runs: one estimator against the vector environment, in lockstep, and what becomes of failures.
+"""Playing runs for their scores, and what becomes of failures.
 
 The estimator gets observations and the public Task only. An exception is a failed run with its traceback on
 record; if a batched estimator raises, its batch is halved until the runs at fault stand alone, so that the
@@ -8,53 +8,30 @@ where the estimator has one (``epoch_timeout_s``): a run has failed if it takes 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env import attitude, types
+from sins_env import attitude
 from sins_env.arrays import Array
 from sins_env.envs.reward import failed_epochs
-from sins_env.evaluation.estimators import finding
-from sins_env.evaluation.estimators.guard import EstimatorError, Guard
-from sins_env.evaluation.estimators.isolation import Isolated
+from sins_env.evaluation.estimators.guard import EstimatorError
+from sins_env.evaluation.estimators.isolation import Host
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.play.errors import euler_errors, nees
+from sins_env.evaluation.play.job import Job
+from sins_env.evaluation.play.loop import Loop
 from sins_env.evaluation.play.records import Records, Scorer
-from sins_env.evaluation.tasks.task import EvaluationTask, is_scored, solver_rng
+from sins_env.evaluation.tasks.task import is_scored
 
 Tick = Callable[[int], None]  #: run-epochs done so far
 #: k, errors (R, 3) rad or (R, 9) rad, m/s, m, and as many sigmas or None; called after each epoch
 Observer = Callable[[int, Array, Array | None], None]
 
 BLOCK_EPOCHS = 100  #: errors are scored in blocks of so many epochs
-
-
-@dataclass(frozen=True)
-class Job:
-    """Some runs of one solver on one task: all that a worker needs, picklable."""
-
-    task: EvaluationTask
-    solver: finding.Solver
-    runs: tuple[int, ...]
-    settings: dict[str, Any] = field(default_factory=dict)
-    suite_seed: int | None = None
-    #: s that one call of the estimator may take; it then has a process of its own, as it has at infinity. None: neither
-    epoch_timeout_s: float | None = None
-
-    def make(self) -> Any:
-        """An estimator, fresh."""
-        if self.epoch_timeout_s is None:
-            return finding.make(self.solver, self.settings)
-        return Isolated(self.solver, self.settings, self.epoch_timeout_s)
-
-    def rngs(self) -> list[np.random.Generator]:
-        name = finding.solver_name(self.solver)
-        return [solver_rng(self.task, name, run, self.suite_seed) for run in self.runs]
 
 
 def run_job(job: Job, tick: Tick | None = None) -> Records:
@@ -65,20 +42,9 @@ def run_job(job: Job, tick: Tick | None = None) -> Records:
             estimator raises while it runs: that is on record.
     """
     done = _Counter(tick)
-    with made(job) as estimator:
-        parts = [job.runs] if estimator.batched else [(run,) for run in job.runs]
-        return Records.concat([_play_or_split(replace(job, runs=runs), estimator, done) for runs in parts])
-
-
-@contextmanager
-def made(job: Job) -> Iterator[Any]:
-    """An estimator whose process, if it has one, ends with this."""
-    estimator = job.make()
-    try:
-        yield estimator
-    finally:
-        if isinstance(estimator, Isolated):
-            estimator.close()
+    with job.host() as host:
+        parts = [job.runs] if host.batched else [(run,) for run in job.runs]
+        return Records.concat([_play_or_split(replace(job, runs=runs), host, done) for runs in parts])
 
 
 class _Counter:
@@ -93,48 +59,36 @@ class _Counter:
             self.tick(self.total)
 
 
-def _play_or_split(job: Job, estimator: Any, done: _Counter) -> Records:
+def _play_or_split(job: Job, host: Host, done: _Counter) -> Records:
     """Play a batch; where its estimator raises, halve it (and make it afresh, its state is unknown)."""
     before = done.total
     try:
-        return play(job, estimator, done)
+        return play(job, host, done)
     except EstimatorError:
         done.total = before
         middle = len(job.runs) // 2
-        halves = [replace(job, runs=runs) for runs in (job.runs[:middle], job.runs[middle:])]
-        return Records.concat([_play_or_split(half, _afresh(job, estimator), done) for half in halves])
+        parts = []
+        for runs in (job.runs[:middle], job.runs[middle:]):
+            host.renew()
+            parts.append(_play_or_split(replace(job, runs=runs), host, done))
+        return Records.concat(parts)
 
 
-def _afresh(job: Job, estimator: Any) -> Any:
-    if not isinstance(estimator, Isolated):
-        return job.make()
-    estimator.renew()
-    return estimator
-
-
-def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer | None = None) -> Records:
+def play(job: Job, host: Host, done: Tick | None = None, observer: Observer | None = None) -> Records:
     """One batch from the first observation to the last step.
 
     Raises:
         EstimatorError: the estimator failed in a batch of several runs; with one run it is on record instead.
     """
-    runs = len(job.runs)
-    env = job.task.make(runs)
-    obs, _ = job.task.reset(env, job.runs, job.suite_seed)
-    public: types.Task = env.unwrapped.task  # type: ignore[attr-defined]
-    criteria = Criteria.of(job.task, public, is_scored(env))
-    guard = estimator.guard(runs) if isinstance(estimator, Isolated) else Guard(estimator, runs)
-    scorer = Scorer(criteria, runs)
+    runs, loop = len(job.runs), Loop.of(job, host)
+    criteria = Criteria.of(job.task, loop.task, is_scored(loop.env))
+    guard, scorer, block = loop.guard, Scorer(criteria, runs), _Block(criteria, runs)
     ask = {epoch: i for i, epoch in enumerate(criteria.nees_epochs)}
-    block = _Block(criteria, runs)
     action = np.full((runs, 4), np.nan)
     outcome: dict[str, Any] = {}
     try:
-        guard.reset(public, job.rngs())
-        for k in range(1, criteria.num_epochs + 1):
-            action = guard.step(obs)
+        for k, action, info, _, _ in loop:
             P = guard.covariance() if k in ask or (observer and criteria.known_start) else None
-            obs, _, _, _, info = env.step(action)
             errors = block.keep(action, info)
             if k in ask and P is not None:
                 scorer.nees[:, ask[k]] = nees(errors[:, :3], P[:, :3, :3])
@@ -161,7 +115,7 @@ def play(job: Job, estimator: Any, done: Tick | None = None, observer: Observer 
         outcome["traceback"] = (error.text,)
         scorer.fill()
     finally:
-        env.close()
+        loop.close()
     outcome |= {
         "heading": _heading(action),
         "step_s": np.full(runs, guard.seconds / (runs * max(guard.steps, 1))),

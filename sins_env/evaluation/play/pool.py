@@ -10,7 +10,8 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 from sins_env.evaluation.estimators.processes import CANNOT_START, interrupts_held, prepare
-from sins_env.evaluation.play.playing import Job, run_job
+from sins_env.evaluation.play.job import Job
+from sins_env.evaluation.play.playing import run_job
 from sins_env.evaluation.play.records import Records
 
 T = TypeVar("T")

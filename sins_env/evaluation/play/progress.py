@@ -81,5 +81,6 @@ class Bar:
     ) -> None:
         self._progress.stop()
 
-    def update(self, done: float, total: float | None = None, note: str = "") -> None:
+    def update(self, done: float | None = None, total: float | None = None, note: str = "") -> None:
+        """Show how much is done, and of how much; None leaves it as it is."""
         self._progress.update(self._task, completed=done, total=total, note=note)

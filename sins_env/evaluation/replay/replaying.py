@@ -17,7 +17,8 @@ import numpy as np
 from sins_env import attitude
 from sins_env.arrays import Array
 from sins_env.evaluation.estimators import finding
-from sins_env.evaluation.estimators.guard import Guard
+from sins_env.evaluation.estimators.isolation import Host, hosted
+from sins_env.evaluation.play.loop import Loop
 from sins_env.evaluation.replay.track import Track
 from sins_env.evaluation.tasks.task import is_scored
 from sins_env.recordings import heading_pitch_roll
@@ -25,7 +26,7 @@ from sins_env.recordings import heading_pitch_roll
 ANGLES = ("heading", "pitch", "roll")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Replay:
     """Windows of one length on one recording. Angles in rad: heading in [0, 2 pi), pitch, roll; NaN where it failed."""
 
@@ -53,6 +54,11 @@ class Replay:
         good = self.scatter[[not why for why in self.failed]]
         return good.std(axis=0, ddof=1) if len(good) > 1 else np.full(self.angles.shape[1:], np.nan)
 
+    def __repr__(self) -> str:
+        failed = sum(map(bool, self.failed))
+        windows = f"{len(self.starts)} windows of {self.t[-1]:g} s{f', {failed} failed' if failed else ''}"
+        return f"<Replay of {self.solver} on {self.recording}: {windows}>"
+
 
 def mean_angle(angles: Array) -> Array:
     """Over the first axis, on the circle."""
@@ -68,6 +74,7 @@ def replay(
     settings: Mapping[str, Any] | None = None,
     env: Mapping[str, Any] | None = None,
     seed: int = 0,
+    epoch_timeout_s: float | None = None,
     progress: Callable[[float, float, str], None] | None = None,
 ) -> Replay:
     """Play a solver on windows of a recording.
@@ -77,31 +84,33 @@ def replay(
         stride: s, for a single window: as many as fit, each so much later.
         settings: of the solver.
         env: further keyword arguments of ``SINS/Replay-v0``.
+        epoch_timeout_s: s that one call of the solver may take; it then has a process of its own, as it has at infinity.
         progress: called with seconds done, seconds in all, and a note.
 
     Raises:
         ValueError, FileNotFoundError: names, windows or settings that do not fit.
-        EstimatorError: the solver raised.
+        EstimatorError: the solver raised, took too long or ended its process.
     """
     if len({length for _, length in windows}) > 1:
         raise ValueError(f"windows of {len(windows)} lengths; allowed: one length for all")
     if stride is not None and len(windows) != 1:
         raise ValueError(f"stride with {len(windows)} windows; allowed: a single window, (start, length)")
-    batched = finding.make(solver, settings).batched
     parts = [{"window": list(window)} for window in windows] or [{}]
-    made = [one for part in parts for one in _make(recording, {**part, **(env or {})}, stride, batched)]
-    public = made[0].unwrapped.task
-    total = public.duration_s * sum(one.num_envs for one in made)
     played, done = [], 0.0
-    for one in made:
+    with hosted(solver, settings, epoch_timeout_s) as host:
+        made = [one for part in parts for one in _make(recording, {**part, **(env or {})}, stride, host.batched)]
+        public = made[0].unwrapped.task
+        total = public.duration_s * sum(one.num_envs for one in made)
+        for one in made:
 
-        def report(part: float, note: str, before: float = done) -> None:
-            if progress:
-                progress(before + part, total, note)
+            def report(part: float, note: str, before: float = done) -> None:
+                if progress:
+                    progress(before + part, total, note)
 
-        played.append(_play(one, finding.make(solver, settings), seed, report))
-        done += public.duration_s * one.num_envs
-        one.close()
+            host.renew()
+            played.append(_play(one, host, seed, report))
+            done += public.duration_s * one.num_envs
+            one.close()
     actions, fixes, errors, truth = (np.concatenate([part[i] for part in played]) for i in range(4))
     recording_ = made[0].unwrapped.episode.world.recording
     starts = np.concatenate([one.unwrapped.episode.world.windows.starts for one in made])
@@ -137,22 +146,21 @@ def _make(recording: str, settings: Mapping[str, Any], stride: float | None, bat
 
 
 def _play(
-    env: Any, estimator: Any, seed: int, report: Callable[[float, str], None]
+    env: Any, host: Host, seed: int, report: Callable[[float, str], None]
 ) -> tuple[Array, Array, Array, Array, list[str]]:
     """Actions (W, K, 4 or 10), and NaN where there are none: positions of the fixes (W, K, 3), errors of velocity and position
     (W, K, 6), attitudes of the reference (W, K, 4); and why each window failed."""
-    count, task = env.num_envs, env.unwrapped.task
+    count, task, scored = env.num_envs, env.unwrapped.task, is_scored(env)
     obs, _ = env.reset(seed=seed, options={"window": list(range(count))})
-    scored, guard = is_scored(env), Guard(estimator, count)
     rngs = [np.random.default_rng([seed, row]) for row in range(count)]
-    guard.reset(env.unwrapped.task, rngs)
+    loop = Loop(env, host.guard(count), obs, rngs)
     actions = np.empty((count, task.num_epochs, env.single_action_space.shape[0]))
     fixes, errors, truth = (np.full((count, task.num_epochs, n), np.nan) for n in (3, 6, 4))
     bad = np.zeros(count, dtype=np.int64)
-    for k in range(task.num_epochs):
-        fixes[:, k] = np.where(obs["gps_valid"] == 1, obs["gps_pos"], np.nan)
-        actions[:, k] = guard.step(obs)
-        obs, _, _, _, info = env.step(actions[:, k])
+    while loop.left:
+        k = loop.k
+        fixes[:, k] = np.where(loop.obs["gps_valid"] == 1, loop.obs["gps_pos"], np.nan)
+        _, actions[:, k], info, _, _ = next(loop)
         bad += info["failed"]
         if scored:
             truth[:, k] = info["truth"]["q_nb"]
@@ -161,7 +169,7 @@ def _play(
         if k % 10 == 9:
             heading = np.degrees(_angles(actions[0, k, :4])[0])
             report((k + 1) * task.epoch_s * count, f"heading {heading:8.3f} deg" if np.isfinite(heading) else "")
-    _, _, frozen = guard.health()
+    _, _, frozen = loop.guard.health()
     why = [
         f"{bad[i]} failed epochs"
         if bad[i]

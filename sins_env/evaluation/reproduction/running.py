@@ -7,12 +7,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from sins_env.evaluation.estimators import finding
-from sins_env.evaluation.reproduction.queueing import fill
 from sins_env.evaluation.reproduction.tables import Group, Outcome, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import verdicts
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.speed.cost import measure_cost
-from sins_env.evaluation.store.filling import Evaluation
+from sins_env.evaluation.store.filling import Evaluation, fill
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
 
@@ -54,10 +52,7 @@ def run_tables(
         wanted[one.key] = max(one, wanted.get(one.key, one), key=lambda each: len(each.runs))
     for task in {one.task.name: one.task for one in wanted.values()}.values():
         store.add_task(task)
-    fill(store, list(wanted.values()), workers)
-    for one in (one for plan in plans for one in plan.timed()):
-        if store.results(one.key, one.runs[:1]).cost is None and (cost := measure_cost(*one[:3])):
-            store.add_cost(one.key, cost)
+    fill(store, list(wanted.values()), timed=[one for plan in plans for one in plan.timed()], workers=workers)
     shelf = _Shelf(store)
     return [plan.made(shelf) for plan in plans]
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.estimators.isolation import Host
 from sins_env.evaluation.estimators.memory import keep_freed_memory
 from sins_env.evaluation.speed.timing import Probe
 from sins_env.evaluation.tasks.catalogue import get_task
@@ -29,31 +31,24 @@ class Speed(NamedTuple):
     epoch_us: float  #: CPU time per run and epoch, microseconds
 
 
-def fitting(
-    solver: finding.Solver,
-    task: str | EvaluationTask,
-    batches: Sequence[int],
-    settings: Mapping[str, Any] | None = None,
-) -> tuple[tuple[int, ...], list[str]]:
+def fitting(host: Host, task: str | EvaluationTask, batches: Sequence[int]) -> tuple[tuple[int, ...], list[str]]:
     """The batch sizes that solver and task can do, each once, and a remark on each that was changed."""
     task, remarks = get_task(task), []
-    batched, most = bool(finding.make(solver, settings).batched), task.max_runs
     sizes = []
     for runs in batches:
-        if runs > 1 and not batched:
-            remarks.append(f"{finding.solver_name(solver)} takes one run at a time: 1 run instead of {runs}")
+        if runs > 1 and not host.batched:
+            remarks.append(f"{finding.solver_name(host.solver)} takes one run at a time: 1 run instead of {runs}")
             runs = 1
-        elif most is not None and runs > most:
-            remarks.append(f"{task.name}: {most} runs instead of {runs}, the windows of its recording")
-            runs = most
+        elif task.max_runs is not None and runs > task.max_runs:
+            remarks.append(f"{task.name}: {task.max_runs} runs instead of {runs}, the windows of its recording")
+            runs = task.max_runs
         sizes.append(runs)
     return tuple(dict.fromkeys(sizes)), remarks
 
 
 def measure(
-    solver: finding.Solver,
+    host: Host,
     task: str | EvaluationTask = "sway-white-v0",
-    settings: Mapping[str, Any] | None = None,
     batches: Sequence[int] = BATCHES,
     seconds: float | None = None,
     progress: Callable[[float, float], None] | None = None,
@@ -61,11 +56,12 @@ def measure(
     """Speed of environment and estimator, on one thread, in CPU time (a busy machine disturbs it little).
 
     Args:
+        host: the solver. If it has a process of its own, its CPU time is taken there; the way there and back is not counted.
         batches: numbers of runs, as :func:`fitting` gives them.
         seconds: spent on each; None is SECONDS.
 
     Raises:
-        ValueError: names, settings or numbers of runs that do not fit. EstimatorError: the estimator fails.
+        ValueError: names or numbers of runs that do not fit. EstimatorError: the estimator fails.
     """
     keep_freed_memory()
     task, most = get_task(task), SECONDS if seconds is None else seconds
@@ -76,10 +72,9 @@ def measure(
             if progress:
                 progress(done + part, len(batches))
 
-        with threadpool_limits(1):
-            probe = Probe(task, solver, dict(settings or {}), runs, WARM_UP, time.process_time)
+        host.renew()
+        with threadpool_limits(1), closing(Probe(task, host, runs, WARM_UP, time.process_time)) as probe:
             estimator_s, env_s = _blocks(probe, most, report)
-            probe.close()
         if not len(env_s):
             raise ValueError(f"{task.name} is too short to be timed; allowed: {WARM_UP + BLOCK} fine epochs or more")
         for part, times in (

@@ -1,82 +1,52 @@
-"""The one timing loop: a solver on the first runs of a task, with the seconds of each part at each epoch."""
+"""Blocks of epochs with their times: a solver on the first runs of a task."""
 
 from __future__ import annotations
 
-import faulthandler
-import os
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 
 from sins_env.arrays import Array
 from sins_env.evaluation.estimators import finding
-from sins_env.evaluation.estimators.guard import Guard
-from sins_env.evaluation.play.playing import Job
+from sins_env.evaluation.estimators.guard import Clock
+from sins_env.evaluation.estimators.isolation import Host
+from sins_env.evaluation.play.job import Job
+from sins_env.evaluation.play.loop import Loop
 from sins_env.evaluation.tasks.task import EvaluationTask
-
-MOST_TIMEOUT_S = 1e6  #: longer ones are none
 
 
 class Probe:
     """Some runs in lockstep, advanced block by block; the coarse phase belongs to the warm-up.
 
     Args:
-        timeout_s: a call of the solver that takes longer ends this process, which must be one that may end.
+        host: the solver; a time limit, and where its time is taken, are the host's.
 
     Raises:
         ValueError: several runs for a solver that takes one at a time. EstimatorError: the estimator fails.
     """
 
     def __init__(
-        self,
-        task: EvaluationTask,
-        solver: finding.Solver,
-        settings: Mapping[str, Any],
-        runs: int = 1,
-        warm_up: int = 20,
-        clock: Callable[[], float] = time.perf_counter,
-        timeout_s: float | None = None,
+        self, task: EvaluationTask, host: Host, runs: int = 1, warm_up: int = 20, clock: Clock = time.perf_counter
     ) -> None:
-        self.clock, self.timeout_s = clock, timeout_s
-        self.guard = Guard(finding.make(solver, settings), runs)
-        if runs > 1 and not self.guard.batched:
-            raise ValueError(f"runs = {runs}; allowed: 1, {finding.solver_name(solver)} is not batched")
-        self.env = task.make(runs)
-        self.obs, _ = task.reset(self.env, range(runs))
-        public = self.env.unwrapped.task  # type: ignore[attr-defined]
-        self.left, self.epoch_s = public.num_epochs, public.epoch_s
-        with self._limited():
-            self.guard.reset(public, Job(task, solver, tuple(range(runs))).rngs())
+        if runs > 1 and not host.batched:
+            raise ValueError(f"runs = {runs}; allowed: 1, {finding.solver_name(host.solver)} is not batched")
+        self._loop = Loop.of(Job(task, host.solver, tuple(range(runs)), host.settings), host, clock)
+        public = self._loop.task
+        self.epoch_s = public.epoch_s
         self.advance(round(public.coarse_s / public.epoch_s) + warm_up)
+
+    @property
+    def left(self) -> int:
+        """Epochs that are still to be played."""
+        return self._loop.left
 
     def advance(self, epochs: int) -> tuple[Array, Array]:
         """The next epochs, as far as there are any: seconds of the estimator and of the environment, (n,) each."""
         times = np.empty((min(epochs, self.left), 2))
-        for spent in times:
-            with self._limited():
-                begin = self.clock()
-                action = self.guard.step(self.obs)
-                between = self.clock()
-            self.obs = self.env.step(action)[0]
-            spent[:] = between - begin, self.clock() - between
-        self.left -= len(times)
+        for spent, epoch in zip(times, self._loop, strict=False):
+            spent[:] = epoch.estimator_s, epoch.env_s
         return times[:, 0], times[:, 1]
 
-    @contextmanager
-    def _limited(self) -> Iterator[None]:
-        """A thread in C, so that neither a loop in Python nor one that never lets go of the interpreter can go on."""
-        if self.timeout_s is None or self.timeout_s > MOST_TIMEOUT_S:
-            yield
-            return
-        with open(os.devnull, "w") as nowhere:
-            faulthandler.dump_traceback_later(self.timeout_s, exit=True, file=nowhere)
-            try:
-                yield
-            finally:
-                faulthandler.cancel_dump_traceback_later()
-
     def close(self) -> None:
-        self.env.close()
+        """Close the environment."""
+        self._loop.close()

@@ -1,14 +1,19 @@
-"""Filling a results file: of many evaluations what it does not hold yet, with one pool of workers."""
+"""Filling a results file: the runs of many evaluations that it does not hold yet, as one queue.
+
+No worker waits for the last runs of one evaluation to end; an interrupted command goes on where it was.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from sins_env.evaluation import monte_carlo
-from sins_env.evaluation.estimators import finding, version
+from sins_env.evaluation.estimators import isolation, version
 from sins_env.evaluation.play.executors import runner
+from sins_env.evaluation.play.job import Job
 from sins_env.evaluation.play.progress import Bar
+from sins_env.evaluation.play.queue import chunks, played
+from sins_env.evaluation.speed.cost import cost_of
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks.task import EvaluationTask, suite_hash
@@ -40,44 +45,52 @@ def fill(
     wanted: Sequence[Evaluation],
     seed: int | None = None,
     *,
+    timed: Sequence[Evaluation] = (),
     executor: str = "processes",
     workers: int | None = None,
     chunk: int | None = None,
     epoch_timeout_s: float | None = None,
-    cost: bool = True,
-    resume: str = "--resume continues",
+    resume: str = "the same command continues",
 ) -> None:
-    """Make the runs that are missing, with progress; each chunk is stored as it ends.
+    """Make the runs that are missing, in one queue and with progress; each portion is stored as it ends.
+
+    Args:
+        timed: evaluations whose solver's cost is measured once all runs have ended, unless the file holds it already. It is
+            left out where a run was lost: that solver ends the process it is in.
+        resume: how to go on after Ctrl-C, in words.
 
     Raises:
-        KeyboardInterrupt: says what is in the file; ``resume`` is how to go on.
+        KeyboardInterrupt: says what is in the file.
     """
-    todo = [(one, one.missing(store)) for one in wanted]
-    count = sum(len(missing) for _, missing in todo)
-    if not count:
+
+    def job(one: Evaluation, runs: tuple[int, ...]) -> Job:
+        return Job(one.task, one.solver, runs, dict(one.settings), seed, epoch_timeout_s)
+
+    todo = [(one, missing) for one in wanted if (missing := one.missing(store))]
+    queue = [(one, job(one, part)) for one, missing in todo for part in chunks(missing, chunk)]
+    if not queue and not any(_cost_missing(store, one) for one in timed):
         return
-    apart = not all(finding.is_own(one.solver) for one in wanted)
-    with runner(executor, workers, count, apart) as where:
-        for i, (one, missing) in enumerate(todo, start=1):
-            if not missing:
-                continue
-            try:
-                with Bar(f"{one.solver} on {one.task.name} ({i}/{len(todo)})") as bar:
-                    results = monte_carlo.evaluate(
-                        one.task,
-                        one.solver,
-                        missing,
-                        seed,
-                        settings=one.settings,
-                        executor=where,
-                        chunk=chunk,
-                        epoch_timeout_s=epoch_timeout_s,
-                        cost=cost,
-                        progress=bar.update,
-                        on_records=lambda records, key=one.key: store.add(key, records),  # type: ignore[misc]
-                    )
-            except KeyboardInterrupt as error:
-                what = f"{len(store.runs_of(one.key))} runs of {one.solver} on {one.task.name} are in {store.path}"
-                raise KeyboardInterrupt(f"interrupted: {what}; {resume}") from error
-            if results.cost:
-                store.add_cost(one.key, results.cost)
+    key_of = {id(job): one.key for one, job in queue}
+    apart = any(isolation.limit(one.solver) is not None for one in (*wanted, *timed))
+    titles = [f"{one.solver} on {one.task.name}" for one, _ in todo]
+    try:
+        with (
+            runner(executor, workers, max(len(queue), 1), apart) as where,
+            Bar(titles[0] if len(titles) == 1 else f"{len(titles)} evaluations") as bar,
+        ):
+            for done, records in played([job for _, job in queue], where, bar.update):
+                store.add(key_of[id(done)], records)
+            for one in timed:
+                if _cost_missing(store, one):
+                    bar.update(note=f"cost of {one.solver}")
+                    if cost := cost_of(job(one, one.runs[:1]), where):
+                        store.add_cost(one.key, cost)
+    except KeyboardInterrupt as error:
+        there = sum(len(one.runs) - len(one.missing(store)) for one in wanted)
+        what = f"{there} of {sum(len(one.runs) for one in wanted)} runs are in {store.path}"
+        raise KeyboardInterrupt(f"interrupted: {what}; {resume}") from error
+
+
+def _cost_missing(store: Store, one: Evaluation) -> bool:
+    found = store.results(one.key, whole=False)
+    return found.cost is None and not (found.records.status == "lost").any()

@@ -1,6 +1,7 @@
 """A solver that hangs or ends its process costs the runs at fault and nothing else, wherever the runs are played."""
 
 import math
+import multiprocessing
 import re
 from concurrent.futures import ThreadPoolExecutor
 
@@ -10,7 +11,6 @@ from evaluation import plugins
 from evaluation.test_monte_carlo import HERE, assert_same, run
 
 from sins_env.evaluation import evaluate, run_episode
-from sins_env.evaluation.estimators.isolation import Isolated
 from sins_env.evaluation.play.pool import Processes
 
 LONG = 60.0  #: s: no limit that a busy machine reaches
@@ -113,16 +113,17 @@ def test_cost_of_a_solver_that_hangs_is_not_measured(short):
     assert 0 < found.cost.median_us <= found.cost.p95_us
 
 
-def test_no_process_is_left(short, monkeypatch):
+def test_no_process_is_left(short):
     """Neither of a solver that is well, nor of one that hangs."""
-    made = []
-    start = Isolated._start
-    monkeypatch.setattr(Isolated, "_start", lambda self: (start(self), made.append(self._process))[0])
-    run(short, "DeadReckoning", 1, epoch_timeout_s=LONG)
-    run(short, "At", 1, settings={"how": "stuck"}, epoch_timeout_s=SHORT_S)
-    run_episode(short, HERE + "DeadReckoning", epoch_timeout_s=LONG)
-    assert len(made) >= 3
-    assert not any(process.is_alive() for process in made)
+    before, seen = set(multiprocessing.active_children()), []
+    for solver, how, limit in (("DeadReckoning", {}, LONG), ("At", {"how": "stuck"}, SHORT_S)):
+        run_episode(
+            short, HERE + solver, settings=how, epoch_timeout_s=limit,
+            observer=lambda *epoch: seen.append(len(set(multiprocessing.active_children()) - before)),
+        )  # fmt: skip
+        run(short, solver, 1, settings=how, epoch_timeout_s=limit)
+    assert set(seen) == {1}
+    assert set(multiprocessing.active_children()) <= before
 
 
 def test_run_episode_that_hangs(short):

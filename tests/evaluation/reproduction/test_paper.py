@@ -32,7 +32,7 @@ def store(tmp_path, short):
 
     with Store(tmp_path / "runs.sqlite") as store:
         store.add_task(short)
-        fill(store, [Evaluation.of(short, "plugins:Told", {}, range(2), None)], workers=1, cost=False)
+        fill(store, [Evaluation.of(short, "evaluation.plugins:Told", {}, range(2), None)], workers=1)
         yield store
 
 

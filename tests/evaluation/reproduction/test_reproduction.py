@@ -10,7 +10,7 @@ from scipy import stats
 
 from sins_env.cli.verbs import reproduce
 from sins_env.evaluation import reproduction
-from sins_env.evaluation.reproduction import get_table, names, queueing
+from sins_env.evaluation.reproduction import get_table, names
 from sins_env.evaluation.reproduction.documents import car_coarse
 from sins_env.evaluation.reproduction.showing import estimate_text, markdown
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
@@ -30,9 +30,10 @@ from sins_env.evaluation.reproduction.verdicts import (
     root_mean_square,
     verdicts,
 )
+from sins_env.evaluation.store import filling
 from sins_env.evaluation.store.store import Store
 
-PLUGIN = "plugins:"
+PLUGIN = "evaluation.plugins:"
 
 
 @pytest.mark.parametrize("about_mean", [False, True])
@@ -237,7 +238,7 @@ def test_the_command(cli, small, tmp_path, monkeypatch):
     assert [runs for _, runs, _ in first] == [3, 3]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(queueing, "runner", None)  # nothing is run again
+        patch.setattr(filling, "runner", None)  # nothing is run again
         assert cli(*given, "9.9", "--quick")[1] == out
     assert stored_runs() == first
     assert cli(*given, "9.9")[0] == 0

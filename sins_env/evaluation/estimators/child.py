@@ -1,0 +1,164 @@
+"""An object in a process of its own: its methods are called through a pipe, and it may hang or end its process.
+
+What it may do to that process reaches the caller as an :class:`EstimatorError` with one line.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from typing import Any
+
+from sins_env.evaluation.estimators.guard import EstimatorError
+from sins_env.evaluation.estimators.processes import CANNOT_START, interrupts_held, prepare
+
+START_S = 300.0  #: a new process imports what it needs in this time, on however busy a machine
+GRACE_S = 1.0  #: what an answer may take on its way; the clock of the child decides
+LOOK_S = 0.5  #: how often a silent process is looked after
+
+
+class Child:
+    """A process that holds the object which ``make``, a class at module level, makes there.
+
+    The process begins with the first call, and anew with the first call after it was lost.
+    """
+
+    def __init__(self, make: Callable[[], Any]) -> None:
+        self.make = make
+        self._process: SpawnProcess | None = None
+        self._pipe: Connection | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether there is a process: the object keeps its state from one call to the next."""
+        return self._pipe is not None
+
+    def call(self, name: str, limit_s: float, *arguments: Any) -> Any:
+        """What the object's method ``name`` returns.
+
+        Raises:
+            EstimatorError: it raised, took longer than the limit, or ended its process.
+            ValueError: it raised this one.
+            RuntimeError: the process cannot start.
+        """
+        if self._pipe is None:
+            self._start()
+        return self._call(name, limit_s, *arguments)
+
+    def close(self) -> None:
+        """End the process; it is begun again when it is needed."""
+        if self._pipe is not None:
+            self._pipe.close()  # to one that waits: the end
+        if self._process is not None:
+            self._process.join(1.0)
+            self._process.kill()
+            self._process.join()
+        self._process = self._pipe = None
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, there = context.Pipe()
+        with interrupts_held(), _children_allowed():
+            self._process = context.Process(target=_serve, args=(there, self.make), daemon=True)
+            self._process.start()
+        there.close()
+        try:
+            self._call("", START_S)
+        except EstimatorError as error:
+            raise RuntimeError(CANNOT_START) from error
+
+    def _call(self, name: str, limit_s: float, *arguments: Any) -> Any:
+        assert self._pipe is not None
+        try:
+            self._pipe.send((name, arguments))
+            self._wait(name, limit_s)
+            kind, answer, trace, seconds = self._pipe.recv()
+        except (EOFError, OSError):
+            ended = self._end()
+            error = EstimatorError(f"{name} ended its process ({ended})")
+            error.ended = ended
+            raise error from None
+        if kind == "refused":
+            raise ValueError(answer)
+        if kind == "failed":
+            error = EstimatorError(answer)
+            error.trace = trace
+            raise error
+        if seconds > limit_s:
+            raise EstimatorError(_too_long(name, limit_s))
+        return answer
+
+    def _wait(self, name: str, limit_s: float) -> None:
+        """Until there is an answer. A process that has ended raises EOFError, even if others hold its pipe open."""
+        assert self._pipe is not None
+        assert self._process is not None
+        deadline = time.monotonic() + limit_s + GRACE_S
+        while not self._pipe.poll(min(LOOK_S, max(deadline - time.monotonic(), 0.0))):
+            if not self._process.is_alive() and not self._pipe.poll():
+                raise EOFError
+            if time.monotonic() > deadline:
+                self._process.kill()
+                self.close()
+                raise EstimatorError(_too_long(name, limit_s))
+
+    def _end(self) -> str:
+        """How the process ended, in words."""
+        code = None
+        if self._process is not None:
+            self._process.join(GRACE_S)
+            code = self._process.exitcode
+        self.close()
+        if code is None:
+            return "its pipe is closed"
+        return f"exit code {code}" if code >= 0 else f"signal {signal.Signals(-code).name}"
+
+
+def _too_long(name: str, limit_s: float) -> str:
+    return f"{name} took longer than {limit_s:g} s"
+
+
+@contextmanager
+def _children_allowed() -> Iterator[None]:
+    """Dask's workers are daemons, which multiprocessing forbids to have children; ours end with their parent."""
+    config = vars(multiprocessing.current_process()).get("_config", {})
+    daemon = config.pop("daemon", None)
+    try:
+        yield
+    finally:
+        if daemon is not None:
+            config["daemon"] = daemon
+
+
+def _serve(pipe: Connection, make: Callable[[], Any]) -> None:
+    """The other process: one answer to each question, until the pipe is closed. A call without a name asks nothing."""
+    prepare()
+    target = make()
+    reply: tuple[str, Any, str, float]
+    while True:
+        answer, name, begin = None, "unpickling", math.nan
+        try:
+            name, arguments = pipe.recv()
+            begin = time.perf_counter()
+            answer = getattr(target, name)(*arguments) if name else None
+            reply = ("done", answer, "", time.perf_counter() - begin)
+        except EOFError:
+            return
+        except EstimatorError as error:
+            reply = ("failed", str(error), error.text, math.nan)
+        except ValueError as error:
+            reply = ("refused", str(error), "", math.nan)
+        except BaseException as error:  # Ctrl-C of its own making, too
+            raised = EstimatorError(f"{name} raised {type(error).__name__}: {' '.join(str(error).split())}")
+            raised.__cause__ = error
+            reply = ("failed", str(raised), raised.text, math.nan)
+        try:
+            pipe.send(reply)
+        except OSError:  # nobody is waiting any more
+            sys.exit()
