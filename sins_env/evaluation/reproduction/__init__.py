@@ -2,7 +2,7 @@
 
 The tables of the source documents come in, as data; the text of REPRODUCTION.md and its figures go out. A table is a
 :class:`~sins_env.evaluation.reproduction.tables.Table` made by a module of ``documents``, which lists it. Read ``tables``,
-``verdicts``, ``readings``; then one of ``documents``; then ``running``, ``queueing``; then ``showing``, ``pictures``,
+``verdicts``, ``readings``; then one of ``documents``; then ``running``; then ``showing``, ``pictures``,
 ``claims``, ``paper``. See docs/tasks_and_scores.md#reproduction.
 """
 
