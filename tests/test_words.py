@@ -20,16 +20,11 @@ MOST_WORDS = 30
 UNFINISHED = (
     "sins_env/cli/",
     "sins_env/evaluation/__init__.py",
-    "sins_env/evaluation/bound/",
     "sins_env/evaluation/estimators/",
     "sins_env/evaluation/monte_carlo.py",
     "sins_env/evaluation/play/",
     "sins_env/evaluation/replay/",
-    "sins_env/evaluation/report/",
-    "sins_env/evaluation/score/",
-    "sins_env/evaluation/show/",
     "sins_env/evaluation/speed/",
-    "sins_env/evaluation/store/",
     "sins_env/evaluation/tasks/",
 )
 

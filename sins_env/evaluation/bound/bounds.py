@@ -2,9 +2,10 @@
 
     bound_j(t) = sqrt( mean over runs of [P(t)]_jj )
 
-P is the Riccati covariance of the navigation frame's errors (error_dynamics.py), linearised at the run's true trajectory, with
-the true noise and the spread of the start that is really drawn, whatever estimators are told. It is averaged as a
-covariance, never as information. It conditions on the trajectory: it bounds estimators without prior knowledge of the motion.
+P is the Riccati covariance of the errors in the navigation frame (error_dynamics.py), linearised at the true trajectory
+of the run. It uses the true noise and the spread from which the start is really drawn, whatever estimators are told. P is
+averaged as a covariance, never as information. The bound is conditional on the trajectory: it holds for estimators
+without prior knowledge of the motion.
 """
 
 from __future__ import annotations
@@ -28,30 +29,33 @@ from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.sensors.gps import ZeroVelocity
 from sins_env.worlds.simulated import SimulatedWorld
 
-RUNS = 16  #: of the task's suite; nothing of them but the motion enters
+RUNS = 16  #: number of runs of the task's suite to average over; only their motion enters
 
 
 @dataclass(frozen=True)
 class Bound:
-    """1-sigma errors: phi E, N, U rad; of a navigation task also velocity m/s and position m, E, N, U each."""
+    """Smallest 1-sigma errors: phi E, N, U in rad; in navigation also velocity in m/s and position in m, E, N, U each."""
 
-    t: Array  #: (S,) s from switch-on
-    sigma: Array  #: (S, 3) or (S, 9)
-    steady: Array  #: (3,) or (9,) RMS over the epochs of the steady state, as the score's
-    final: Array  #: (3,) or (9,) at T
-    epochs: NDArray[np.int64]  #: (2,) the first of the steady state, and the last
-    holds: Mask  #: () False: only a reference, for the start is not drawn from a Gaussian
+    t: Array  #: (S,) times, s from switch-on
+    sigma: Array  #: (S, 3) or (S, 9) bound at these times
+    steady: Array  #: (3,) or (9,) RMS of the bound over the epochs of the steady state, the same as the score's
+    final: Array  #: (3,) or (9,) bound at T
+    epochs: NDArray[np.int64]  #: (2,) first epoch of the steady state, and the last epoch
+    holds: Mask  #: () whether the start is drawn from a Gaussian; if not, the bound is only a reference
 
     def fits(self, criteria: Criteria) -> bool:
-        """Whether scores by these criteria are taken at the same epochs."""
+        """Return whether scores by these criteria are taken at the same epochs."""
         return self.epochs.tolist() == [criteria.steady_from, criteria.num_epochs]
 
 
-_known: dict[str, Bound | None] = {}  #: by task, in this process
+_known: dict[str, Bound | None] = {}  #: bounds that this process has found already, by identity of the task
 
 
 def find(task: EvaluationTask) -> Bound | None:
-    """The bound of a task, as :func:`compute` gives it: from the user's cache, or computed (about a second) and kept there."""
+    """Return the bound of a task from the user's cache, or compute it in about a second and keep it there.
+
+    It is None if :func:`compute` gives None.
+    """
     identity = json.dumps([task.name, task.env_id, dict(task.kwargs), task.suite_seed, task.windows], sort_keys=True)
     if identity not in _known:
         _known[identity] = None if task.windows else _cached(task, identity)
@@ -59,7 +63,7 @@ def find(task: EvaluationTask) -> Bound | None:
 
 
 def _cached(task: EvaluationTask, identity: str) -> Bound | None:
-    """Another world, another definition of the task or another formula: another name in the cache."""
+    """Load or compute the bound. Its name in the cache depends on the task, what its world delivers, and these formulas."""
     key = hashlib.sha256(f"{identity} {digest(task)}".encode())
     for path in [*sorted(Path(__file__).parent.glob("*.py")), Path(criteria_module.__file__)]:
         key.update(path.read_bytes())
@@ -74,9 +78,10 @@ def _cached(task: EvaluationTask, identity: str) -> Bound | None:
 
 
 def compute(task: EvaluationTask, runs: int = RUNS) -> Bound | None:
-    """The bound; None for a recording, and where a car is said to stand still: how wrong that is no law of noise tells.
+    """Compute the bound of a task as the mean over the first ``runs`` runs of its suite.
 
-    ``runs`` of the suite are averaged over, of a flight, always the same, only one.
+    A flight takes one run, for its trajectory is always the same. The result is None for a recording. It is None for
+    zero-velocity updates, too, because no noise model describes how far a parked car moves.
     """
     if task.windows:
         return None
@@ -110,7 +115,7 @@ def compute(task: EvaluationTask, runs: int = RUNS) -> Bound | None:
 
 
 def correct(P: Array, H: Array, R: Array) -> Array:
-    """P after a fix, in Joseph's form: (..., n, n), (..., m, n), (m, m)."""
+    """Return P after a fix, in Joseph's form: P (..., n, n), H (..., m, n), R (m, m)."""
     S = H @ P @ H.mT + R
     K = np.linalg.solve(S, H @ P).mT
     A = np.eye(P.shape[-1]) - K @ H

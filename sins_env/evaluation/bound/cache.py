@@ -1,7 +1,7 @@
-"""Arrays that are dear to compute, kept in the user's cache directory: $XDG_CACHE_HOME/sins_env or ~/.cache/sins_env.
+"""Cache of arrays that take long to compute, in $XDG_CACHE_HOME/sins_env or ~/.cache/sins_env.
 
-A file appears whole or not at all, so any number of processes may write the same one. Nothing here fails: what cannot be
-read is computed again, what cannot be written is not kept.
+A file appears whole or not at all, so any number of processes may write the same one. Nothing here raises: arrays that
+cannot be read are computed again, and arrays that cannot be written are not kept.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _DAMAGED = (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.er
 
 
 def folder() -> Path | None:
-    """None for a user without a home."""
+    """Return the user's cache directory; None for a user without a home."""
     given = os.environ.get("XDG_CACHE_HOME", "")
     try:
         base = Path(given) if os.path.isabs(given) else Path.home() / ".cache"
@@ -31,7 +31,7 @@ def folder() -> Path | None:
 
 
 def load(name: str) -> dict[str, NDArray[Any]] | None:
-    """The arrays kept under that name; None: there are none, or the file is damaged."""
+    """Return the arrays kept under that name; None if there are none or the file is damaged."""
     where = folder()
     if where is None:
         return None

@@ -6,15 +6,17 @@
     phi' = -omega_in x phi + domega_ie + domega_en - C eps                   omega_en = T V, domega_en = T dV + (dT) V
     dp'  = dV + [(V_E tan L dp_N - V_E dp_U + (V_U - V_N tan L) dp_E) / (R_N + h), (V_U dp_N - V_N dp_U) / (R_M + h), 0]
 
-dp is the difference of the coordinates in metres by the radii at the truth, as it is scored; its small terms follow from
+dp is the difference of the coordinates in metres, by the radii at the truth; so it is scored. Its small terms follow from
 d((R_N + h) cos L) / dL = -(R_M + h) sin L. Biases are constant, Gauss-Markov, or both. C, f, V and the place are true means
 over an epoch. The solvers have error dynamics of their own on purpose; tests compare the two.
 
-A base that does not travel has neither dV_U nor dp: the same dynamics without these rows and columns. Of a fix its
-horizontal velocity enters. Vertical velocity and position would lower the azimuth's bound by 0.2 % on sway-white and 1 %
-on sway-told-wrong, but the level's by up to 14 % on the latter: the verdict is on azimuth (metrics.py).
+A base that does not travel has the same dynamics without the rows and columns of dV_U and dp. Only the horizontal
+velocity of its fixes enters. Vertical velocity and position would lower the bound of azimuth by 0.2 % on sway-white and
+by 1 % on sway-told-wrong. On the latter they would lower that of level by up to 14 %. The verdict is on azimuth
+(metrics.py).
 
-States are not scaled: matrix products and Joseph's form do not notice a change of units, by powers of two not in one bit.
+States are not scaled: matrix products and Joseph's form do not depend on units. Scaling by powers of two would not change
+one bit.
 """
 
 from __future__ import annotations
@@ -36,29 +38,29 @@ from sins_env.units import DEG, DEG_PER_H, UG
 from sins_env.worlds.simulated import SimulatedWorld
 
 CHUNK_EPOCHS = 100
-CORE = ERRORS.only("dv", "phi", "dp")  #: states of a world, before those of its biases
-AT_REST = Layout((Block("dv", 2, "m/s"), Block("phi", 3, "rad")))  #: the same of a base that does not travel
+CORE = ERRORS.only("dv", "phi", "dp")  #: states before those of the biases
+AT_REST = Layout((Block("dv", 2, "m/s"), Block("phi", 3, "rad")))  #: the same states for a base that does not travel
 DV, PHI, DP = (CORE[name] for name in CORE.names)
-UNKNOWN_ATTITUDE_STD = math.pi / math.sqrt(3.0)  #: rad, of angles that may be anything
-UNKNOWN_DVOCITY_STD = 10.0  #: m/s
-STEP_RAD, STEP_M = 1e-4, 100.0  #: of central differences in latitude and height; exact to 1e-8
+UNKNOWN_ATTITUDE_STD = math.pi / math.sqrt(3.0)  #: rad, standard deviation of an angle uniform over the circle
+UNKNOWN_DVOCITY_STD = 10.0  #: m/s, standard deviation of an unknown velocity
+STEP_RAD, STEP_M = 1e-4, 100.0  #: steps of the central differences in latitude and height, which are exact to 1e-8
 
 
 class Truth(NamedTuple):
-    """Some epochs of some runs."""
+    """True motion of some runs over some epochs."""
 
-    first: int  #: how many epochs went before
+    first: int  #: number of epochs before these
     C: Array  #: (runs, epochs, 3, 3) C_nb, mean over the epoch
-    force: Array  #: (runs, epochs, 3) m/s^2 in n, mean
-    vel: Array  #: (runs, epochs, 3) m/s, mean
-    pos: Array  #: (runs, epochs, 3) latitude rad, longitude rad, height m, mean
-    C_end: Array  #: (runs, epochs, 3, 3) at the end of the epoch
-    rate_end: Array  #: (runs, epochs, 3) rad/s, omega_eb^b at the end
+    force: Array  #: (runs, epochs, 3) specific force in n, m/s^2, mean over the epoch
+    vel: Array  #: (runs, epochs, 3) velocity in n, m/s, mean over the epoch
+    pos: Array  #: (runs, epochs, 3) latitude rad, longitude rad, height m, mean over the epoch
+    C_end: Array  #: (runs, epochs, 3, 3) C_nb at the end of the epoch
+    rate_end: Array  #: (runs, epochs, 3) omega_eb^b at the end of the epoch, rad/s
     fix: Mask  #: (epochs,) whether there is a fix at the end
 
 
 def true_motion(task: EvaluationTask, public: Task, runs: int) -> Iterator[Truth]:
-    """The truth of the first runs of the suite, in chunks; means by Simpson's rule, from the state at half epochs."""
+    """Yield the truth of the first runs of the suite in chunks. Means are by Simpson's rule, from states at half epochs."""
     h = public.epoch_s
     env: Any = task.make(runs, epoch=0.5 * h, n_sub=1, reveal_truth=True)
     _, info = task.reset(env, range(runs))
@@ -79,7 +81,7 @@ def true_motion(task: EvaluationTask, public: Task, runs: int) -> Iterator[Truth
 
 
 def _apparent(model: earth.Earth, vel: Array, pos: Array) -> Array:
-    """What specific force is besides V': (2 omega_ie + omega_en) x V - g."""
+    """Return specific force minus V', which is (2 omega_ie + omega_en) x V - g."""
     rate_ie, rate_en = _rates(model, vel, pos)
     out: Array = np.cross(2 * rate_ie + rate_en, vel)
     out[..., 2] += earth.gravity(model, pos[..., 0], pos[..., 2])
@@ -87,18 +89,18 @@ def _apparent(model: earth.Earth, vel: Array, pos: Array) -> Array:
 
 
 def _rates(model: earth.Earth, vel: Array, pos: Array) -> tuple[Array, Array]:
-    """omega_ie and omega_en in n."""
+    """Return omega_ie and omega_en in n, rad/s."""
     T = earth.transport_matrix(model, pos[..., 0], pos[..., 2])
     return earth.rate_n(model, pos[..., 0]), np.matmul(T, vel[..., None])[..., 0]
 
 
 class _Bias(NamedTuple):
-    """Three states of the errors of three like sensors."""
+    """One kind of bias of the three gyros or of the three accelerometers."""
 
     name: str
     gyro: bool
-    std: float  #: rad/s or m/s^2
-    time_constant_s: float  #: inf: constant
+    std: float  #: standard deviation, rad/s or m/s^2
+    time_constant_s: float  #: correlation time; inf for a constant bias
 
     @property
     def block(self) -> Block:
@@ -106,7 +108,10 @@ class _Bias(NamedTuple):
 
 
 def _biases(imu: ImuSpec) -> list[_Bias]:
-    """Those that there are. Scale factors, misaligned axes and quantisation count as known: a lower bound all the same."""
+    """Return the kinds of bias that the IMU has.
+
+    Scale factors, misaligned axes and quantisation count as known, which leaves the bound a lower one.
+    """
     kinds = [
         _Bias("accel_bias", False, imu.accel_bias_ug * UG, math.inf),
         _Bias("accel_markov", False, imu.accel_markov_ug * UG, imu.accel_markov_s),
@@ -117,10 +122,10 @@ def _biases(imu: ImuSpec) -> list[_Bias]:
 
 
 class ErrorDynamics:
-    """The dynamics of a world's errors, what its fixes tell of them, and what is known at the start.
+    """Linear model of a world's errors: F, Q, H, R, and P at the start.
 
-    ``states`` are those of the bound; the dynamics are written down for ``full``, of which a base that does not travel has a
-    part.
+    ``states`` is the layout of the bound's states. The dynamics are written down for the layout ``full``; a base that does
+    not travel keeps only a part of it.
     """
 
     def __init__(self, world: SimulatedWorld) -> None:
@@ -148,7 +153,7 @@ class ErrorDynamics:
         self.scored = self.states.places(answered(self.travels))  #: indices of phi, or phi, velocity and position
 
     def noise(self, truth: Truth, F: Array) -> Array:
-        """Q (runs, epochs, n, n): half of an epoch's white noise goes through F, half does not."""
+        """Return Q (runs, epochs, n, n); half of the white noise of an epoch goes through F, half does not."""
         count = F.shape[1]
         drive = np.repeat(self._drive[None], count, axis=0)
         for states, wave in ((DV, self.script.accel_wave), (PHI, self.script.gyro_wave)):
@@ -158,7 +163,7 @@ class ErrorDynamics:
         return 0.5 * self.epoch_s * (D + F @ D @ F.mT)
 
     def transitions(self, truth: Truth) -> Array:
-        """F (runs, epochs, n, n): the exponential of the mean dynamics, to third order."""
+        """Return F (runs, epochs, n, n), the exponential of the mean dynamics to third order."""
         skew, vel = attitude.skew, truth.vel
         T = earth.transport_matrix(self.earth, truth.pos[..., 0], truth.pos[..., 2])
         rate_ie, rate_en = _rates(self.earth, vel, truth.pos)
@@ -178,7 +183,7 @@ class ErrorDynamics:
         return F
 
     def _add_position(self, A: Array, truth: Truth) -> None:
-        """What an error of position does, and what becomes of it, in place."""
+        """Add the columns and rows of dp to A in place: what it drives, and what drives it."""
         vel, pos = truth.vel, truth.pos
         R_M, R_N = (radius + pos[..., 2] for radius in earth.radii(self.earth, pos[..., 0]))
         E, N, U = range(DP.start, DP.stop)
@@ -196,7 +201,7 @@ class ErrorDynamics:
         A[..., N, N], A[..., N, U] = up / R_M, -north / R_M
 
     def sensitivity(self, truth: Truth) -> Array:
-        """H (runs, epochs, m, n) of the antenna's velocity, V + C (omega_eb x lever arm), and position, p + C lever arm."""
+        """Return H (runs, epochs, m, n) of a fix at the antenna: V + C (omega_eb x lever arm), and p + C lever arm."""
         H = np.zeros((*truth.vel.shape[:-1], FIX.size, self.full.size))
         vel, pos = FIX["dv"], FIX["dp"]
         H[..., vel, DV] = H[..., pos, DP] = np.eye(3)

@@ -1,4 +1,4 @@
-"""What fixes with errors that are not Gaussian tell: their Fisher information. docs/mathematics/bound.md#fisher-information."""
+"""Fisher information of fixes whose errors are not Gaussian. docs/mathematics/bound.md#fisher-information."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 from sins_env.arrays import Array
 from sins_env.specs import GpsSpec
 
-FIX_DIMENSION = 6  #: one factor scales all errors of a fix, so that each component tells something of the others'
-LEAST_STD = 1e-6  #: m/s and m, of a perfect receiver, so that S can be inverted
-LEAST_SCALE = 1e-12  #: of the variance of contaminated fixes, for the same reason
+FIX_DIMENSION = 6  #: components of a fix; one random factor scales them all, so each is information on the others
+LEAST_STD = 1e-6  #: standard deviation for a perfect receiver, m/s and m, so that S can be inverted
+LEAST_SCALE = 1e-12  #: least factor of the variance of contaminated fixes, for the same reason
 
 
 def fix_noise(gps: GpsSpec) -> Array:
-    """R (6, 6) of a Gaussian that tells as much of velocity (m/s) and position (m) as a fix does.
+    """Return R (6, 6) of a Gaussian fix with the same information on velocity (m/s) and position (m).
 
-    A jump counts as known; whoever has to find it does worse.
+    A jump counts as known; an estimator that has to find it does worse.
     """
     std = np.maximum([*gps.vel_std, *gps.pos_std], LEAST_STD)
     return np.diag(std**2) / fisher_factor(gps, FIX_DIMENSION)
 
 
 def fisher_factor(gps: GpsSpec, dimension: int) -> float:
-    """Fisher information of the mean of a fix's error vector, in units of R^-1: 1 for a Gaussian.
+    """Return the Fisher information of the mean of a fix's error vector, in units of R^-1: 1 for a Gaussian.
 
-    The vector is s v0, v0 ~ N(0, R), with s^2 = ``contamination_factor`` in a share of the fixes, and times
-    dof / chi^2(dof) for heavy tails. With q = v' R^-1 v and the density g(q), it is E[q (2 g'/g)^2] / dimension.
+    The vector is s v0 with v0 ~ N(0, R). In a share of the fixes s^2 is ``contamination_factor``, else 1. Heavy tails
+    multiply s^2 by dof / chi^2(dof). With q = v' R^-1 v and density g(q), the information is E[q (2 g'/g)^2] / dimension.
     """
     from scipy import integrate  # slow to import
 

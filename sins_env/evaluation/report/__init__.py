@@ -1,6 +1,7 @@
-"""The HTML report: one self-contained page of tables and figures from a results file.
+"""The HTML report: one self-contained page of tables and figures.
 
-Read ``page``, ``tables``, ``figures``, ``panel``, ``svg``.
+A results file of ``store`` comes in; the text of the page goes out. Tables have the columns of ``show``.
+Read ``page`` with the template ``page.html.j2``, then ``tables``, ``figures``, ``panel``, ``svg``.
 """
 
 from sins_env import moved

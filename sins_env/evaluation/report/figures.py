@@ -1,4 +1,4 @@
-"""The report's figures of one task, each a small panel of its own that a phone can show."""
+"""Figures of one task in the report, each a small panel that fits a phone."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from sins_env.evaluation.show.error_figure import error_curve, size_of
 from sins_env.evaluation.show.numbers import angle, number
 from sins_env.units import ARCSEC, DEG
 
-SAMPLES = 140  #: of a curve over time
+SAMPLES = 140  #: most points of a curve over time
 
 
 def drawings(task: Task) -> list[Drawing]:
-    """All figures of a task; of a recording without a reference its spread against the cost."""
+    """Return all figures of a task; a recording without a reference has only its heading spread against the cost."""
     costs = [_cost(task)] if any(one.cost for one in task.lines) else []
     if not task.lines[0].summary.scored:
         return costs
@@ -34,7 +34,7 @@ def drawings(task: Task) -> list[Drawing]:
 
 
 def _best(task: Task, say: Any) -> str:
-    """'ckf 731", ekf 783", ...' of the first five."""
+    """Return a text such as 'ckf 731", ekf 783", ...' of the first five."""
     more = f"; and {len(task.lines) - 5} more" if len(task.lines) > 5 else ""
     return ", ".join(f"{one.label} {say(one)}" for one in task.lines[:5]) + more
 
@@ -86,22 +86,24 @@ def _over_time(task: Task, curve: Curve) -> Drawing:
 
 
 class Curve(NamedTuple):
-    """An error against time."""
+    """Curve of an error against time."""
 
-    quantity: str  #: of QUANTITIES
+    quantity: str  #: name in QUANTITIES
     name: str
-    parts: tuple[int, ...]  #: of COMPONENTS
+    parts: tuple[int, ...]  #: indices of components in the layout SCORED
 
     @property
     def unit(self) -> float:
+        """Size of the unit in SI."""
         return QUANTITIES[self.quantity].unit
 
     @property
     def unit_name(self) -> str:
+        """Name of the unit."""
         return QUANTITIES[self.quantity].unit_name
 
     def said(self, task: Task) -> str:
-        """What the figure shows of the best, in words."""
+        """Return the errors of the best solvers in words, for the description of the figure."""
         if task.lines[0].summary.navigation is None:
             azimuth = self.quantity == "azimuth"
             say = _shown if azimuth else lambda one: f"{_shown(one, 'E')} east, {_shown(one, 'N')} north"
@@ -120,20 +122,20 @@ CURVES = (
 
 
 def _averaged(one: Results, name: str) -> tuple[float, Array]:
-    """ARMSE of a navigation task and its interval, in the unit of the quantity."""
+    """Return the ARMSE of a navigation task and its interval, in the unit of the quantity."""
     assert one.summary.navigation is not None
     value, ci = one.summary.navigation.armse[name]
     return value / QUANTITIES[name].unit, np.array(ci) / QUANTITIES[name].unit
 
 
 def _bound_style(bound: Bound) -> dict[str, Any]:
-    """Solid where it holds, dashed where it is a reference only."""
+    """Return the line style of a bound: solid, or dashed if it is only a reference."""
     dash = "-" if bound.holds else (0, (5, 3))
     return {"color": PAGE["ink"], "linewidth": 1.1, "linestyle": dash, "zorder": 3}
 
 
 def _aligned(task: Task) -> Drawing:
-    """How many runs have aligned by a time: those that never do keep the curve below 100 %."""
+    """Draw the share of runs that have aligned by a time; runs that never align keep the curve below 100 %."""
     panel, criteria = Panel(task, "al"), task.lines[0].records.criteria
     end = criteria.duration_s - criteria.coarse_s
     for one in task.back_to_front:
@@ -192,7 +194,7 @@ def _profile(task: Task, azimuth: bool) -> Drawing:
 
 
 def _cost(task: Task) -> Drawing:
-    """Error against cost, and the front that no solver is below and left of."""
+    """Draw error against cost, with the Pareto front."""
     panel, scored = Panel(task, "co"), task.lines[0].summary.scored
     relative = all(one.cost.ratio is not None for one in task.lines if one.cost)
     points = []
@@ -230,7 +232,7 @@ def _cost(task: Task) -> Drawing:
 
 
 def _position(one: Results, relative: bool) -> tuple[float, float, Interval]:
-    """Cost, error and its interval, or the heading's spread where alignment is not scored; NaN where it is not known."""
+    """Return cost, error and its interval; the heading spread if alignment is not scored. An unknown value is NaN."""
     cost = (one.cost.ratio if relative else one.cost.median_us) if one.cost else None
     _, _, value, interval, _ = one.main_score
     if not _has_error(one):
@@ -243,13 +245,13 @@ def _has_error(one: Results) -> bool:
 
 
 def _main(one: Results) -> str:
-    """The main score with its unit."""
+    """Return the main score with its unit."""
     score = one.main_score
     return _shown(one) if one.summary.navigation is None else f"{number(score.value)} {score.unit}"
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """The Pareto front of costs and errors: those that none is below and left of, by cost."""
+    """Return the Pareto front of points (cost, error), ordered by cost: no other point is both cheaper and better."""
     out: list[tuple[float, float]] = []
     for x, y in sorted(points):
         if not out or y < out[-1][1]:

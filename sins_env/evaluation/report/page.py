@@ -1,7 +1,7 @@
 """The leaderboard as one HTML file that needs nothing else: no network, no JavaScript.
 
-Tables say what the terminal says, in the same words (board.py). One task is in memory at a time. The same results file
-gives the same bytes.
+Tables have the columns and footers of the terminal (sins_env.evaluation.show). One task is in memory at a time. The same
+results file gives the same bytes.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Session, Store
 from sins_env.evaluation.tasks.task import EvaluationTask
 
-MOST_NAMED = LOOKS  #: solvers in colour; of more, the best; the rest are grey
-MOST_REASONS = 60  #: lines of a table of failures
+MOST_NAMED = LOOKS  #: number of best solvers in colour; the others are grey
+MOST_REASONS = 60  #: most lines of a table of failures
 
 
 class Section(NamedTuple):
-    """A task on the page."""
+    """Section of the page with one task, as the template shows it."""
 
-    anchor: str
+    anchor: str  #: identifier of the section
     task: EvaluationTask
     suite: str
     scored: bool
@@ -43,26 +43,28 @@ class Section(NamedTuple):
     holds: bool
     drawings: list[Drawing]
     failures: list[Failure]
-    failed: int  #: runs
+    failed: int  #: number of failed runs
     reasons_left: int
     runs: int
     fewest: int
     most: int
     leaders: list[str]
     best: Cell
-    best_of: str  #: what error it is; empty where the heading of its column says it
-    digest: str | None  #: of the task's world
-    sessions: list[tuple[str, Session]]  #: with the code
+    best_of: str  #: name of the best solver's error, for the overview; empty if its heading has it
+    digest: str | None  #: digest of the task's world
+    sessions: list[tuple[str, Session]]  #: code version and session of the runs
     task_navigates: bool
 
 
 def html_report(
     store: Store, keys: Sequence[Key], progress: Callable[[float, float], None] = lambda done, total: None
 ) -> str:
-    """The page of these keys of a store.
+    """Return the page with these keys of a store.
 
     Args:
-        progress: called with the number of solvers done and in all.
+        store: results file.
+        keys: keys of the solvers to show.
+        progress: function called with the number of solvers that are done and with their total.
 
     Raises:
         ValueError: jinja2 is not installed.
@@ -145,7 +147,7 @@ def _section(
 
 
 def _sessions(store: Store, keys: Iterable[Key]) -> list[tuple[str, Session]]:
-    """Code with session, runs of all solvers summed; in the order of time."""
+    """Return each code version with its session in the order of time; runs of all solvers are added up."""
     found: dict[tuple[int, str], Session] = {}
     for key in keys:
         for session in store.sessions(key):

@@ -1,4 +1,4 @@
-"""What the report's figures share: how a solver looks in all of them, and a panel that a phone can show."""
+"""Parts that the figures of the report share: the look of a solver in all of them, and a panel that fits a phone."""
 
 from __future__ import annotations
 
@@ -17,29 +17,33 @@ if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
 
 WIDTH, HEIGHT, FONT = 400, 290, 12.0  #: pixels, about as wide as a phone
 MARKERS = "osD^vPX*"
-DASHES = ("", "9 3", "2 2.4", "11 2.6 2 2.6")  #: as STYLES, for the legend of the page
+DASHES = ("", "9 3", "2 2.4", "11 2.6 2 2.6")  #: STYLES in the SVG of the page's legend
 
 
 class Look(NamedTuple):
-    """Of a solver that is told apart; the others are grey."""
+    """Colour, dash and marker of a solver that stands out; the other solvers are grey."""
 
     number: int
 
     @property
     def name(self) -> str:
-        """The page's variable."""
+        """Name of the colour, which is a CSS variable of the page."""
         return f"look-{self.number % LOOKS}"
 
     @property
     def dash(self) -> int:
+        """Index into STYLES and DASHES."""
         return (self.number + self.number // LOOKS) % len(STYLES)
 
     @property
     def marker(self) -> str:
+        """Marker in Matplotlib's spelling."""
         return MARKERS[self.number % LOOKS]
 
 
 class Drawing(NamedTuple):
+    """Figure of the page."""
+
     title: str
     caption: str
     svg: str
@@ -47,24 +51,25 @@ class Drawing(NamedTuple):
 
 @dataclass(frozen=True)
 class Task:
-    """What the figures of a task show: its solvers, the best first."""
+    """Solvers of a task, the best first, with their looks."""
 
     lines: Sequence[Results]
-    looks: Mapping[str, Look]  #: by label
-    prefix: str  #: of identifiers
+    looks: Mapping[str, Look]  #: looks by label of the solver
+    prefix: str  #: prefix of the identifiers in its figures
 
     @property
     def bound(self) -> Bound | None:
+        """Bound of the task; None if there is none."""
         return next((one.bound for one in self.lines if one.bound), None)
 
     @property
     def back_to_front(self) -> list[Results]:
-        """The grey ones first, the best last."""
+        """Solvers in the order of drawing: grey ones first, the best last."""
         return sorted(reversed(self.lines), key=lambda one: one.label in self.looks)
 
 
 class Panel:
-    """One figure with one pair of axes."""
+    """Figure with one pair of axes."""
 
     def __init__(self, task: Task, name: str) -> None:
         self.task, self.prefix = task, f"{task.prefix}-{name}"
@@ -73,7 +78,7 @@ class Panel:
         self.names: dict[str, str] = {}
 
     def style(self, one: Results, told: str = "") -> dict[str, Any]:
-        """Of a solver's line, with its tooltip."""
+        """Return the style of a solver's line, and keep its label and ``told`` for a tooltip."""
         gid = f"named-{len(self.names)}"
         self.names[gid] = f"{one.label}{told and ': '}{told}"
         look = self.task.looks.get(one.label)
@@ -82,10 +87,11 @@ class Panel:
         return {"gid": gid, "color": PAGE[look.name], "linestyle": STYLES[look.dash], "linewidth": 1.8, "zorder": 2.5}
 
     def told(self, one: Results) -> bool:
+        """Return whether the solver has a look of its own."""
         return one.label in self.task.looks
 
     def svg(self, title: str, description: str, **settings: Any) -> str:
-        """Axes in the page's colours, then the figure."""
+        """Return the figure as SVG, with axes in the colours of the page; ``settings`` are those of ``Axes.set``."""
         from matplotlib.ticker import FuncFormatter  # slow to import
 
         axes, ink, grid = self.axes, PAGE["ink"], PAGE["grid"]

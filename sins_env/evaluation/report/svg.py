@@ -1,7 +1,7 @@
-"""A Matplotlib figure as SVG that lives inside an HTML page.
+"""Conversion of a Matplotlib figure to SVG inside an HTML page.
 
-The page colours it: what is drawn in a colour of ``PAGE`` gets the CSS variable of that name, so that one figure serves
-light and dark. Text stays text, in the page's font. Identifiers are short and the same in every run.
+A colour of ``PAGE`` becomes the CSS variable of that name, so that one figure serves a light and a dark page. Text stays
+text, in the font of the page. Identifiers are short and the same in every run.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from xml.etree import ElementTree
 if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
     from matplotlib.figure import Figure
 
-LOOKS = 8  #: solvers that colours tell apart
-#: What a figure may be drawn in, and the variable of the page that replaces it.
+LOOKS = 8  #: number of colours for solvers
+#: Colours that a figure may be drawn in, by the name of the CSS variable that replaces each.
 PAGE = {
     "ink": "#010101",
     "grid": "#020202",
@@ -24,15 +24,20 @@ PAGE = {
     **{f"look-{i}": f"#0404{i:02x}" for i in range(LOOKS)},
 }
 _VARIABLES = {colour: f"var(--{name})" for name, colour in PAGE.items()}
-_DROPPED = {"font-family", "font", "stroke-linejoin"}  #: the page's own
+_DROPPED = {"font-family", "font", "stroke-linejoin"}  #: styles that the page sets
 _NUMBER = re.compile(r"-?\d+\.\d+(?:e-?\d+)?")
 _REFERENCE = re.compile(r"url\(#([^)]*)\)")
 
 
 def inline(figure: Figure, prefix: str, title: str, description: str, names: Mapping[str, str]) -> str:
-    """``<svg>`` for a page: sizes, title and description; artists whose gid is in ``names`` get that name as a tooltip.
+    """Return a figure as an ``<svg>`` element with size, title and description.
 
-    ``prefix`` must differ between the figures of a page.
+    Args:
+        figure: figure to convert.
+        prefix: prefix of its identifiers, which must differ between the figures of a page.
+        title: title for screen readers.
+        description: description for screen readers.
+        names: tooltips by the gid of the artist that gets one.
     """
     import matplotlib  # slow to import
 
@@ -70,7 +75,7 @@ def _name(root: ElementTree.Element, names: Mapping[str, str]) -> None:
 
 
 def _shorten(root: ElementTree.Element) -> None:
-    """Tenths of a pixel, no white space, colours as variables."""
+    """Round to tenths of a pixel, drop white space, and replace colours by variables."""
     markers = {element for defs in root.iter("defs") for element in defs.iter()}
     for element in root.iter():
         element.tail = None
@@ -94,7 +99,7 @@ def _rounded(text: str, digits: int) -> str:
 
 
 def _rename(root: ElementTree.Element, prefix: str) -> None:
-    """Keep the identifiers that something refers to."""
+    """Shorten the identifiers that something refers to, and drop the others."""
     used: dict[str, str] = {}
 
     def new(old: str) -> str:

@@ -1,4 +1,4 @@
-"""The rows of the report's tables, in the words of the terminal's (board.py)."""
+"""Rows of the tables in the report, with the cells of the terminal's tables."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show.cells import Cell
 from sins_env.evaluation.show.columns import PAGE, Column, Place, table_columns
 
-AXIS = 5.0  #: the column of intervals ends at so many times the median RMS
+AXIS = 5.0  #: end of the axis of intervals, over the median RMS
 _WHEN = re.compile(r",? at (\d+(?:\.\d+)?) s\b")
 
 
 class Whisker(NamedTuple):
-    """An RMS with its interval on the log axis of its column: parts of the width; beyond 1 it is off the axis."""
+    """Main score with its interval on the log axis of its column, as shares of the width; above 1 it is off the axis."""
 
     value: float
     low: float
@@ -27,9 +27,11 @@ class Whisker(NamedTuple):
 
 
 class Row(NamedTuple):
+    """Row of a table: one solver."""
+
     rank: str
     name: str
-    more: list[str]  #: module and settings
+    more: list[str]  #: module and settings of the solver, a line each
     look: Look | None
     whisker: Whisker | None
     cells: list[Cell]
@@ -47,12 +49,12 @@ class Failure(NamedTuple):
 
 
 def with_unit(text: str, unit: str) -> str:
-    """With the unit that the tables leave out."""
+    """Return a number with the unit that tables leave out."""
     return text if text.endswith("°") else f"{text}″" if unit == "arcsec" else f"{text} {unit}"
 
 
 def page_columns(group: Sequence[Results]) -> list[Column]:
-    """Those right of the solver: the main score first, beside its whisker."""
+    """Return the columns to the right of the solver; the main score comes first, beside its whisker."""
 
     def order(column: Column) -> tuple[bool, Place]:
         # many errors of navigation would hide what failed
@@ -63,11 +65,12 @@ def page_columns(group: Sequence[Results]) -> list[Column]:
 
 
 def heads_of(group: Sequence[Results]) -> list[tuple[str, str]]:
-    """Headings of the columns, each with its unit or what else is told in small type."""
+    """Return the headings of the columns, each with its unit or another text in small type."""
     return [(one.title, one.about(group[0]) if one.about else one.unit) for one in page_columns(group)]
 
 
 def rows_of(lines: Sequence[tuple[int, Results]], task: Task) -> list[Row]:
+    """Return the rows of ranked results."""
     group = [one for _, one in lines]
     columns, whisker = page_columns(group), whiskers(group)
     out = []
@@ -80,7 +83,10 @@ def rows_of(lines: Sequence[tuple[int, Results]], task: Task) -> list[Row]:
 
 
 def whiskers(group: Sequence[Results]) -> Callable[[Results], Whisker | None]:
-    """Places of the main score and its interval; a few solvers that fail are off the axis, lest they flatten the others."""
+    """Return a function that places the main score of a solver and its interval on the axis.
+
+    The axis ends at AXIS times the median, so that a few failing solvers do not hide the differences of the others.
+    """
     scores = {one.label: one.main_score for one in group}
     bound = next((score.bound for score in scores.values() if math.isfinite(score.bound)), None)
     values = [score.value for score in scores.values()]
@@ -105,7 +111,7 @@ def whiskers(group: Sequence[Results]) -> Callable[[Results], Whisker | None]:
 
 
 def failures_of(group: Iterable[Results]) -> list[Failure]:
-    """Grouped by what is said but for its time, the most frequent first within each solver."""
+    """Return the failures, grouped by reason without its time; the most frequent come first within each solver."""
     out = []
     for one in group:
         r = one.records

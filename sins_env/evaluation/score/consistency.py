@@ -1,4 +1,4 @@
-"""Whether covariances are right: NEES over runs, with the band of its mean."""
+"""Consistency of covariances: NEES over runs, with the band of its mean."""
 
 from __future__ import annotations
 
@@ -13,32 +13,33 @@ from sins_env.evaluation.score.resampling import CONFIDENCE, Interval
 
 
 class Nees(NamedTuple):
-    """Mean over runs of e' P^-1 e at one time; as many as there are errors is consistent."""
+    """Mean over runs of e' P^-1 e at one time; a consistent filter has the number of errors in e."""
 
-    t_s: float  #: from switch-on
+    t_s: float  #: time, s from switch-on
     mean: float
-    band: Interval  #: where 95 % of such means lie if the covariances are right
+    band: Interval  #: interval that holds 95 % of such means if the covariances are right
     runs: int
 
     @property
     def inside(self) -> bool:
+        """Whether the mean lies in the band."""
         return self.band[0] <= self.mean <= self.band[1]
 
 
 def nees_band(runs: int, dof: int = 3) -> Interval:
-    """95 % band of the mean of ``runs`` chi-square values."""
+    """Return the 95 % band of the mean of ``runs`` chi-square values with ``dof`` degrees of freedom."""
     tail = 0.5 * (1 - CONFIDENCE)
     low, high = chi2_quantile(np.array([tail, 1 - tail]), dof * runs) / runs
     return float(low), float(high)
 
 
 def chi2_quantile(part: Any, dof: int) -> Any:
-    """scipy.stats has it, too, but takes long to import."""
+    """Return the chi-square quantile of a probability ``part``; scipy.stats has it, too, but takes long to import."""
     return 2 * special.gammaincinv(0.5 * dof, part)
 
 
 def consistency(criteria: Criteria, nees: Array, dof: int = 3) -> tuple[Nees, ...]:
-    """NEES (R, times) at the task's times; empty where no covariance was reported or it is not scored."""
+    """Summarise NEES (R, times) at each time of the task; times at which no run reported a covariance are left out."""
     out = []
     for epoch, values in zip(criteria.nees_epochs, nees.T, strict=False):
         known = values[~np.isnan(values)]

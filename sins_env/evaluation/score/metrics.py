@@ -1,7 +1,7 @@
 """Scores across runs, with intervals: pure functions of :class:`Records`. docs/tasks_and_scores.md#alignment-criterion.
 
-No run is dropped: a run that diverged enters with its errors, one that raised with the worst error from
-there on.
+No run is dropped. A run that diverged enters with its errors. A run that raised an exception enters with the worst
+possible error from there on.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from sins_env.evaluation.score.resampling import (
 )
 from sins_env.units import ARCSEC
 
-TOGETHER = 64  #: solvers that are resampled together: what fits into memory
-BELOW = 1e-3  #: how often an estimator at the bound is called below it
+TOGETHER = 64  #: number of solvers that are resampled together, limited by memory
+BELOW = 1e-3  #: probability that an estimator at the bound is called below it
 
 
 def restricted_mean(times: Array, horizon: float) -> float:
-    """Mean of min(t, horizon), s: the mean time to alignment as far as the episode could show it."""
+    """Return the mean of min(t, horizon), s: the mean time to alignment as far as the episode can show it."""
     return float(np.minimum(times, horizon).mean())
 
 
 def success_profile(records: Records, points: int = 80) -> tuple[Array, Array, Array, Array]:
-    """Success against the threshold: azimuth deltas, success, level deltas, success; deltas (points,) rad.
+    """Return success against the threshold delta: azimuth deltas, success, level deltas, success, (points,) each.
 
-    A run succeeds at delta if the largest error of its last hold_s is within delta, so no ranking hangs on
-    one delta.
+    Deltas are in rad. A run succeeds at delta if its largest error in the last ``hold_s`` is within delta. The curves show
+    whether an order of solvers depends on the choice of delta.
     """
     out = []
     for largest, delta in (
@@ -57,16 +57,16 @@ def success_profile(records: Records, points: int = 80) -> tuple[Array, Array, A
 
 
 def bound_ratios(records: Records, bound: Bound) -> dict[str, float]:
-    """RMS over runs and the steady state over the bound's in the same epochs, by axis."""
+    """Return the RMS over runs and steady state, divided by that of the bound in the same epochs, by axis."""
     rms = np.sqrt(np.square(records.steady_rms).mean(axis=0))
     return _by_axis(rms / bound.steady[:3])
 
 
 def below_bound(records: Records, bound: Bound) -> bool | None:
-    """Whether the azimuth at T is better than the bound allows; None: no verdict, it is but a reference.
+    """Return whether the azimuth error at T is smaller than the bound allows; None if the bound is only a reference.
 
-    One time and one axis, chosen beforehand. At the bound the sum of squares over its variance is chi-square; a value
-    below the ``BELOW`` quantile speaks of knowledge of the motion, a leak or a bug.
+    The test takes one time and one axis, chosen beforehand. At the bound, the sum of squared errors over its variance is
+    chi-square. A value below the ``BELOW`` quantile points to knowledge of the motion, a leak of the truth, or a bug.
     """
     if not bound.holds:
         return None
@@ -75,12 +75,15 @@ def below_bound(records: Records, bound: Bound) -> bool | None:
 
 
 def known_headings(records: Records) -> Array:
-    """Final headings, rad, of the runs that came to their end with one: not of those that raised or were lost."""
+    """Return the final headings, rad, without those of runs that raised an exception or were lost."""
     return records.heading[np.isfinite(records.heading) & ~records.unfinished]
 
 
 def heading_deviations(known: Array) -> Array:
-    """From the mean, rad, so enlarged that their mean square is the unbiased variance; none of fewer than two."""
+    """Return deviations from the mean, rad, scaled so that their mean square is the unbiased variance.
+
+    The result is empty for fewer than two headings.
+    """
     if len(known) < 2:
         return np.empty(0)
     centre = np.angle(np.exp(1j * known).mean())
@@ -90,35 +93,35 @@ def heading_deviations(known: Array) -> Array:
 
 
 def heading_spread(known: Array) -> float:
-    """Repeatability: standard deviation over runs of the final heading, rad; NaN for fewer than two."""
+    """Return the repeatability, the standard deviation of the final heading over runs, rad; NaN for fewer than two."""
     away = heading_deviations(known)
     return math.sqrt(np.square(away).mean()) if len(away) else math.nan
 
 
 @dataclass(frozen=True)
 class Summary:
-    """One line of the board. Errors in arcsec by axis; times in s from the start of fine alignment."""
+    """Scores of a solver on a task. Errors are in arcsec by axis; times are in s from the start of fine alignment."""
 
     runs: int
-    success: float  #: part of the runs whose three errors all converged
+    success: float  #: share of the runs whose three errors have all converged
     success_by_axis: dict[str, float]
-    t_conv_median_s: float  #: inf where most runs are censored
+    t_conv_median_s: float  #: median time to convergence; inf if most runs are censored
     t_conv_ci_s: Interval
     t_conv_restricted_mean_s: float
-    coarse_s: float  #: to be added for times from switch-on
+    coarse_s: float  #: length of the coarse alignment, to be added for times from switch-on
     steady_s: float  #: length of the steady state
-    mean: dict[str, float]  #: over runs of the steady-state mean
-    std: dict[str, float]  #: over runs: mean of the steady-state standard deviation within a run
-    rms: dict[str, float]  #: over runs and the steady state
+    mean: dict[str, float]  #: mean over runs of the mean error in the steady state
+    std: dict[str, float]  #: mean over runs of the standard deviation of the error in the steady state
+    rms: dict[str, float]  #: RMS over runs and the steady state
     rms_ci: dict[str, Interval]
-    rms_final: dict[str, float]  #: over runs, at T
+    rms_final: dict[str, float]  #: RMS over runs at T
     nees: tuple[Nees, ...]
-    spread_deg: float  #: of the final heading over runs; tells something only where the truth is the same
-    spread_runs: int  #: that have a final heading; those that raised or were lost have none
-    counts: dict[str, int]  #: of each failure: diverged, frozen, raised, lost, repaired
-    fallbacks: float  #: per run: times that a safeguard replaced the solver's own rule; no failure
-    scored: bool = True  #: False without a reference: times, success and errors are NaN
-    navigation: Navigation | None = None  #: where the task navigates
+    spread_deg: float  #: standard deviation of the final heading over runs; useful only if all have the same truth
+    spread_runs: int  #: number of runs with a final heading, which those that raised or were lost do not have
+    counts: dict[str, int]  #: number of runs by failure: diverged, frozen, raised, lost, repaired
+    fallbacks: float  #: number of times per run that a safeguard replaced the solver's own rule; not a failure
+    scored: bool = True  #: whether there is a reference; without one, times, success and errors are NaN
+    navigation: Navigation | None = None  #: scores of navigation, for a task that navigates
 
     @property
     def failures(self) -> int:
@@ -127,21 +130,22 @@ class Summary:
 
     @property
     def nees_of_all(self) -> tuple[Nees, ...]:
-        """NEES of all that is scored: of the attitude, in navigation of velocity and position with it."""
+        """NEES of all scored errors: attitude, and in navigation velocity and position with it."""
         return self.nees if self.navigation is None else self.navigation.nees
 
     @property
     def nees_dof(self) -> int:
-        """What :attr:`nees_of_all` is on average where the covariance is right."""
+        """Mean of :attr:`nees_of_all` if the covariance is right."""
         return 3 if self.navigation is None else 9
 
     @property
     def t_conv_from_switch_on_s(self) -> float:
+        """Median time to convergence from switch-on, s."""
         return self.t_conv_median_s + self.coarse_s
 
 
 def failure_counts(records: Records) -> dict[str, int]:
-    """Runs by what went wrong; ``repaired`` may overlap with the others, ``any`` counts each run once."""
+    """Return the number of runs by failure; ``repaired`` may overlap with the others, ``any`` counts each run once."""
     counts = {name: int((records.status == name).sum()) for name in ("diverged", "frozen", "raised", "lost")}
     counts["repaired"] = int((records.repairs > 0).sum())
     counts["any"] = int(((records.status != "ok") | (records.repairs > 0)).sum())
@@ -191,7 +195,7 @@ def _summary(records: Records, steady: Sequence[Estimate]) -> Summary:
 
 
 def _converged(times: Array) -> Array:
-    """1 or 0; NaN where it is not scored."""
+    """Return 1 for converged, 0 for not, and NaN for not scored."""
     return np.where(np.isnan(times), np.nan, np.isfinite(times))
 
 
@@ -204,9 +208,9 @@ def _arcsec(interval: Interval) -> Interval:
 
 
 def rms_band(history: NDArray[np.float32], resamples: int = 400) -> tuple[Array, Array, Array]:
-    """RMS over runs at each time with its 95 % percentile-bootstrap band: (R, S) -> three of (S,).
+    """Return the RMS over runs at each time with the ends of its 95 % percentile-bootstrap band: (R, S) -> three (S,).
 
-    Runs that have no history any more are left out of the curve from there on.
+    A run whose history has ended is left out of the curve from there on.
     """
     known = np.isfinite(history)
     squares = np.where(known, np.square(history, dtype=float), 0.0)

@@ -1,7 +1,7 @@
 """Scores of navigation over runs: pure functions of :class:`Records`. docs/tasks_and_scores.md#navigation-scores.
 
-ARMSE is the mean over time, in the scored span, of the RMS over runs at a time (from the history at 1 Hz). No run is
-dropped: where one has raised, its errors are the worst from there on.
+ARMSE is the mean over time, in the scored span, of the RMS over runs at each time of the 1 Hz history. No run is dropped:
+once a run has raised an exception, its errors are the worst possible ones.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from sins_env.evaluation.score.consistency import Nees, consistency
 from sins_env.evaluation.score.quantities import QUANTITIES, Quantity, length, run_errors
 from sins_env.evaluation.score.resampling import Estimate
 
-RESAMPLES = 1000  #: of curves over time, which cost more than numbers
-SAMPLES = 100  #: times at which a curve is resampled
+RESAMPLES = 1000  #: number of resamples of a curve over time, which costs more than a single number
+SAMPLES = 100  #: number of times at which a curve is resampled
 
 
 @dataclass(frozen=True)
 class Navigation:
-    """By name of QUANTITIES: rad, m/s, m."""
+    """Scores of navigation by name of QUANTITIES, in rad, m/s and m."""
 
     armse: dict[str, Estimate]
-    rms: dict[str, Estimate]  #: over runs and the scored span
-    median_azimuth: Estimate  #: median over runs of the size of the heading error at T
-    nees: tuple[Nees, ...]  #: of attitude, velocity and position together: 9 is consistent
-    from_s: float  #: where the scored span begins, from switch-on
+    rms: dict[str, Estimate]  #: RMS over runs and the scored span
+    median_azimuth: Estimate  #: median over runs of the absolute heading error at T
+    nees: tuple[Nees, ...]  #: NEES of attitude, velocity and position together; 9 is consistent
+    from_s: float  #: start of the scored span, s from switch-on
 
 
 def navigation_scores(records: Records) -> Navigation:
-    """Work out the scores of navigation; they are NaN without a reference or a history."""
+    """Compute the scores of navigation; they are NaN without a reference or a history."""
     c = records.criteria
     errors = {name: run_errors(records, name) for name in QUANTITIES}
     azimuth = errors["azimuth"][1]
@@ -50,7 +50,7 @@ def navigation_scores(records: Records) -> Navigation:
 
 
 def known_history(records: Records) -> Array:
-    """(R, S, components); the worst errors once a run has raised, NaN where nothing is scored."""
+    """Return the history (R, S, components) with the worst errors after a run has raised; NaN if errors are not scored."""
     if not records.criteria.scored:
         return records.history.astype(float)
     return np.where(np.isnan(records.history), records.criteria.worst, records.history)
@@ -65,23 +65,23 @@ def _time_means(records: Records, quantities: list[Quantity]) -> list[Estimate]:
 
 
 def time_mean(errors: Array) -> Estimate:
-    """Mean over time of the RMS over runs, (R, S), with its BCa interval."""
+    """Return the mean over time of the RMS over runs of errors (R, S), with its BCa interval."""
     return _estimate(_time_mean(errors))
 
 
 def ratio_of_time_means(a: Array, b: Array) -> Estimate:
-    """That of (R, S) over that of another filter in the same runs."""
+    """Return the time mean of a (R, S) over that of b, another filter in the same runs, with its BCa interval."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return _estimate(_Resampled(*(x / y for x, y in zip(_time_mean(a), _time_mean(b), strict=True))))
 
 
 class _Resampled(NamedTuple):
-    """A statistic; of the SAMPLES times that are resampled: it, its resamples (RESAMPLES,), and with one unit left out."""
+    """A time mean and its resamples, which use only SAMPLES of the times."""
 
-    value: Array
-    least: Array
-    drawn: Array
-    without: Array
+    value: Array  #: () mean over all times
+    least: Array  #: () mean over the times that are resampled
+    drawn: Array  #: (RESAMPLES,) mean of each resample
+    without: Array  #: (units,) mean with one unit left out
 
 
 def _time_mean(errors: Array) -> _Resampled:
@@ -98,7 +98,7 @@ def _time_mean(errors: Array) -> _Resampled:
 
 
 def _estimate(found: _Resampled) -> Estimate:
-    """The value is of all times; its interval is that of the resampled ones, scaled."""
+    """Return the mean over all times with the interval of the resampled times, scaled to it."""
     value = float(found.value)
     if len(found.without) < 2 or not math.isfinite(value):
         return value, resampling.NO_INTERVAL
@@ -108,7 +108,7 @@ def _estimate(found: _Resampled) -> Estimate:
 
 
 def bound_means(records: Records, bound: Bound) -> dict[str, float]:
-    """The bound of each ARMSE; NaN where the bound has not its components."""
+    """Return the bound of each ARMSE by name of QUANTITIES; NaN for components that the bound does not have."""
     sigma = bound.sigma[records.criteria.span]
     return {name: _bound_mean(sigma, quantity) for name, quantity in QUANTITIES.items()}
 

@@ -1,9 +1,12 @@
-"""Two solvers on the same runs: every solver meets the same noise, so their quotient is known better than either score.
+"""Paired comparison of two solvers on the same runs.
 
-Ratios of RMS: BCa intervals over pairs. Success: Bonett and Price (2012), doi 10.3102/1076998611411915, which also holds
-where no run differs. Probability of improvement: Wilson's score interval, conservative where runs tie. Median times:
-percentile interval over pairs (leaving out one run says nothing of a median, so there is no BCa); a difference of two
-censored medians is unknown and widens the interval on both sides.
+Every solver meets the same noise, so the ratio of two scores is known better than either score. The intervals are:
+
+- Ratio of RMS: BCa over pairs.
+- Success: Bonett and Price (2012), doi 10.3102/1076998611411915, which also holds if no run differs.
+- Probability of improvement: Wilson's score interval, which is conservative if runs tie.
+- Median time: percentiles over pairs. BCa does not exist, for leaving out one run tells nothing about a median. A
+  difference of two censored medians is unknown and widens the interval on both sides.
 """
 
 from __future__ import annotations
@@ -28,23 +31,23 @@ _Z = float(special.ndtri(resampling.TAILS[1]))
 
 @dataclass(frozen=True)
 class Comparison:
-    """What the common runs say of solver ``a`` against solver ``b``; each with its 95 % interval."""
+    """Comparison of solver ``a`` with solver ``b`` over their common runs; each number has its 95 % interval."""
 
     task: str
     a: str
     b: str
-    runs: int  #: in common
-    ratio: Estimate  #: RMS of a over that of b: of the azimuth in the steady state, or of what was asked for
-    ratio_at_end: Estimate  #: the same at T
-    success: Estimate  #: of a minus that of b
+    runs: int  #: number of common runs
+    ratio: Estimate  #: RMS of a over RMS of b, for the quantity ``score``
+    ratio_at_end: Estimate  #: ratio of the RMS at T
+    success: Estimate  #: success rate of a minus that of b
     failures: Estimate  #: share of failed runs of a minus that of b
     better: Estimate  #: probability that a has the smaller error over time in a run; ties count half
-    median_s: Estimate  #: median time to alignment of a minus that of b, s; NaN where both are censored
-    score: str = "azimuth"
+    median_s: Estimate  #: median time to alignment of a minus that of b, s; NaN if both are censored
+    score: str = "azimuth"  #: name of the quantity that ``ratio`` and ``better`` compare
 
     @property
     def differ(self) -> bool:
-        """Whether the ratio tells them apart."""
+        """Whether the interval of the ratio excludes 1."""
         return apart(self.runs, self.ratio[1])
 
     def __str__(self) -> str:
@@ -70,18 +73,18 @@ def _text(estimate: Estimate, form: str) -> str:
 
 
 def apart(runs: int, ratio: Interval) -> bool:
-    """Whether a paired interval of a ratio excludes 1; never for few runs, or without an interval."""
+    """Return whether a paired interval of a ratio excludes 1; False for few runs, or without an interval."""
     return runs >= LEAST_RUNS and (ratio[0] > 1 or ratio[1] < 1)
 
 
 def compare(a: Results, b: Results, score: str | None = None) -> Comparison:
-    """Solver ``a`` against solver ``b`` over the runs that both have.
+    """Compare solver ``a`` with solver ``b`` over the runs that both have.
 
     Args:
-        score: what errors are compared in, by name (quantities.py); None is what the task ranks by, or azimuth.
+        score: name of the quantity to compare (quantities.py); None takes the one that the task ranks by, or azimuth.
 
     Raises:
-        ValueError: no such score, other tasks or suites, no run in common, or a task without a truth.
+        ValueError: no such score, different tasks or suites, no common run, or a task without a truth.
     """
     if (a.task.name, a.suite) != (b.task.name, b.suite):
         given = ", ".join(f"{one.label} on {one.task.name} (suite {one.suite})" for one in (a, b))
@@ -111,10 +114,10 @@ def compare(a: Results, b: Results, score: str | None = None) -> Comparison:
 
 
 def common(a: Records, b: Records) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows of the runs that both have.
+    """Return the rows in ``a`` and in ``b`` of the runs that both have.
 
     Raises:
-        ValueError: there are none.
+        ValueError: no common run.
     """
     _, mine, its = np.intersect1d(a.run, b.run, assume_unique=True, return_indices=True)
     if not len(mine):
@@ -123,18 +126,18 @@ def common(a: Records, b: Records) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def ratio_of_rms(a: Array, b: Array) -> Estimate:
-    """RMS of (R,) over that of (R,), BCa."""
+    """Return the RMS of a (R,) over that of b (R,) with its BCa interval."""
     top, bottom = (resampling.units_of(np.square(one)[:, None]) for one in (a, b))
     return _ratio(top, bottom, resampling.resampled(top), resampling.resampled(bottom))
 
 
 def paired_ratio(records: Records, reference: Records, at_end: bool = False, axis: int = 2) -> Estimate:
-    """RMS over that of a reference in the common runs: over the steady state, or at T.
+    """Return the RMS over that of a reference in the common runs, in the steady state or at T.
 
-    Where both follow the same noise the interval is several times narrower than that of either RMS.
+    If both errors follow the same noise, the interval is several times narrower than that of either RMS.
 
     Raises:
-        ValueError: no run in common.
+        ValueError: no common run.
     """
     mine, its = common(records, reference)
     a, b = ((r.final if at_end else r.steady_rms)[rows, axis] for r, rows in ((records, mine), (reference, its)))
@@ -142,7 +145,7 @@ def paired_ratio(records: Records, reference: Records, at_end: bool = False, axi
 
 
 def _ratio(top: Array, bottom: Array, drawn_top: Array, drawn_bottom: Array) -> Estimate:
-    """Of columns (units, 1) with their resampled sums (RESAMPLES, 1)."""
+    """Return the ratio of two RMS from columns of squares (units, 1) and their resampled sums (RESAMPLES, 1)."""
     ((low, high),) = resampling.root_interval(top, drawn_top, bottom, drawn_bottom)
     with np.errstate(divide="ignore", invalid="ignore"):
         value = float(np.sqrt(top.sum() / bottom.sum()))
@@ -150,7 +153,7 @@ def _ratio(top: Array, bottom: Array, drawn_top: Array, drawn_bottom: Array) -> 
 
 
 def difference_of_rates(a: Mask, b: Mask) -> Estimate:
-    """Paired proportions, a minus b."""
+    """Return the share of a minus the share of b, two paired proportions (R,), with Bonett and Price's interval."""
     n = len(a)
     only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
     p, q = (only_a + 1) / (n + 2), (only_b + 1) / (n + 2)
@@ -159,19 +162,22 @@ def difference_of_rates(a: Mask, b: Mask) -> Estimate:
 
 
 def probability_of_less(a: Array, b: Array) -> Estimate:
-    """Part of the pairs in which a is less than b; ties count half."""
+    """Return the share of pairs (R,) in which a is less than b, with Wilson's interval; ties count half."""
     return proportion(float(((a < b) + 0.5 * (a == b)).mean()), len(a))
 
 
 def proportion(part: float, n: int) -> Estimate:
-    """A share of n runs, with Wilson's score interval."""
+    """Return a share of n runs with Wilson's score interval."""
     centre, half = part + _Z**2 / (2 * n), _Z * math.sqrt(part * (1 - part) / n + _Z**2 / (4 * n**2))
     scale = 1 + _Z**2 / n
     return part, (max((centre - half) / scale, 0.0), min((centre + half) / scale, 1.0))
 
 
 def difference_of_medians(a: Array, b: Array) -> Estimate:
-    """Median of a minus that of b; censored times are +inf. NaN ends where there is a single run."""
+    """Return the median of a (R,) minus that of b (R,); censored times are +inf.
+
+    A single run has an interval of NaN.
+    """
     n = len(a)
     value = _minus(np.median(a), np.median(b), np.nan)
     if n < 2:
@@ -194,11 +200,12 @@ def _minus(a: Any, b: Any, both_censored: float) -> Any:
 
 
 class Pairing:
-    """Solvers of one task against each other, with one resampling for all that have the same runs.
+    """Pairwise comparison of the solvers of one task, with one resampling for all that have the same runs.
 
     Args:
-        errors: of each solver, of its runs (R,).
-        intervals: of each solver, of its RMS, for those that have no run in common.
+        results: results of the solvers.
+        errors: for each solver, the RMS of each of its runs (R,).
+        intervals: for each solver, the interval of its RMS, used for pairs without a common run.
     """
 
     def __init__(self, results: Sequence[Results], errors: Sequence[Array], intervals: Sequence[Interval]) -> None:
@@ -213,7 +220,7 @@ class Pairing:
             self._drawn = resampling.resampled(self._units)
 
     def apart(self, i: int, j: int) -> bool:
-        """Whether two solvers differ: by pairs, or, without a common run, by intervals that do not overlap."""
+        """Return whether solvers i and j differ in their common runs; without one, whether their intervals are disjoint."""
         if i in self._place and j in self._place:
             p, q = ([self._place[k]] for k in (i, j))
             found = _ratio(self._units[:, p], self._units[:, q], self._drawn[:, p], self._drawn[:, q])

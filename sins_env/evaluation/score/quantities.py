@@ -1,4 +1,4 @@
-"""What errors are told in: components together, with a unit. Alignment has its axes, navigation velocity and position, too."""
+"""Quantities in which errors are shown: the length of some components, with a unit. Alignment has some, navigation others."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ def _places(block: str) -> tuple[int, ...]:
 
 
 class Quantity(NamedTuple):
-    """The length of some components of an error."""
+    """Length of some components of an error."""
 
     name: str
-    parts: tuple[int, ...]  #: components of SCORED
-    unit: float
+    parts: tuple[int, ...]  #: indices of components in the layout SCORED
+    unit: float  #: size of the unit in SI
     unit_name: str
 
     @property
     def bounded(self) -> tuple[int, ...]:
-        """Components of the bound that it is held against; none for pitch and roll. To first order heading is azimuth."""
+        """Components of the bound to compare it with; none for pitch and roll. To first order heading is azimuth."""
         if self.parts == (_HEADING,):
             return (_AZIMUTH,)
         return self.parts if max(self.parts) < _HEADING else ()
@@ -37,14 +37,14 @@ class Quantity(NamedTuple):
 _EAST, _NORTH, _AZIMUTH = _places("phi")
 _HEADING, _PITCH, _ROLL = _places("euler")
 _VEL, _POS = _places("dv"), _places("dp")
-#: Of alignment.
+#: Quantities of alignment.
 AXIAL = {
     "azimuth": Quantity("azimuth", (_AZIMUTH,), DEG, "deg"),
     "level": Quantity("level", (_EAST, _NORTH), ARCSEC, "arcsec"),
     "east": Quantity("east", (_EAST,), ARCSEC, "arcsec"),
     "north": Quantity("north", (_NORTH,), ARCSEC, "arcsec"),
 }
-#: Of navigation; horizontal and vertical by themselves, and together.
+#: Quantities of navigation, with horizontal and vertical parts.
 QUANTITIES = {
     "azimuth": Quantity("heading", (_HEADING,), DEG, "deg"),
     "pitch": Quantity("pitch", (_PITCH,), DEG, "deg"),
@@ -60,14 +60,15 @@ QUANTITIES = {
 
 
 def allowed(navigates: bool) -> Mapping[str, Quantity]:
+    """Return the quantities of a task by name."""
     return QUANTITIES if navigates else AXIAL
 
 
 def find(name: str, navigates: bool) -> Quantity:
-    """The quantity of that name.
+    """Return the quantity of that name.
 
     Raises:
-        ValueError: there is none; the nearest is offered.
+        ValueError: there is none; the error offers the nearest name.
     """
     there = allowed(navigates)
     if name not in there:
@@ -76,15 +77,18 @@ def find(name: str, navigates: bool) -> Quantity:
 
 
 def length(errors: Array, quantity: Quantity) -> Array:
-    """Of the components (..., c): (...)."""
+    """Return the length (...) of those components of the errors (..., c) that make up the quantity."""
     found: Array = np.sqrt(np.square(errors[..., quantity.parts]).sum(axis=-1))
     return found
 
 
 def run_errors(records: Records, name: str) -> tuple[Array, Array]:
-    """RMS over time of each run, and the error at T: (R,) each, not negative.
+    """Return the RMS over time of each run, and its error at T: (R,) each, SI, not negative.
 
-    Over the steady state in alignment, over the scored span in navigation.
+    The time is the steady state in alignment and the scored span in navigation.
+
+    Raises:
+        ValueError: no quantity of that name.
     """
     c = records.criteria
     quantity = find(name, c.navigates)

@@ -1,9 +1,11 @@
 """The order of a task's solvers, and their ranks.
 
-The first leads rank 1, and whoever cannot be told from the leader shares its rank: the interval of the ratio of their RMS,
-paired over the common runs, contains 1. The first that can be told apart leads the next rank. What counts is the azimuth,
-over the steady state; where a task navigates what it names, over the scored span, or how many runs fail and then the median
-heading error at the end. The RMS, not a convergence time, ranks: it hangs on no threshold.
+The best solver leads rank 1. A solver shares the rank of its leader if the two do not differ: the interval of the ratio
+of their RMS, paired over the common runs, contains 1. The first solver that differs leads the next rank.
+
+Alignment ranks by the RMS of azimuth in the steady state. Navigation ranks by the RMS over the scored span of the
+quantity that the task names. A task may instead rank by the share of failed runs and then by the median heading error at
+the end. The RMS ranks, not a convergence time, because it depends on no threshold.
 """
 
 from __future__ import annotations
@@ -20,7 +22,10 @@ from sins_env.evaluation.score.results import Results, summarise_together
 
 
 def ranked(results: Iterable[Results]) -> list[tuple[int, Results]]:
-    """Solvers of one task with their ranks, the best first; where errors are not scored all tie, as they came."""
+    """Return the solvers of one task with their ranks, the best first.
+
+    If errors are not scored, all have rank 1 and keep their order.
+    """
     given = list(results)
     summarise_together(given)
     if not all(one.summary.scored for one in given):
@@ -39,7 +44,7 @@ def ranked(results: Iterable[Results]) -> list[tuple[int, Results]]:
 
 
 def merit(one: Results) -> tuple[float, ...]:
-    """What solvers are sorted by."""
+    """Return the key that sorts solvers, smallest first."""
     s = one.summary
     if s.navigation is None:
         return (s.rms["U"],)
@@ -49,11 +54,12 @@ def merit(one: Results) -> tuple[float, ...]:
 
 
 def failure_rate(one: Results) -> float:
+    """Return the share of failed runs."""
     return float(one.records.failed.mean())
 
 
 def _counted(one: Results) -> Array:
-    """The errors (R,) that rank."""
+    """Return the error (R,) of each run that ranks."""
     return run_errors(one.records, headline(one.task))[0]
 
 
@@ -63,7 +69,7 @@ def _interval(one: Results) -> tuple[float, float]:
 
 
 class _Rates:
-    """Solvers against each other by how many of the common runs fail."""
+    """Pairwise comparison of solvers by the share of their common runs that fail."""
 
     def __init__(self, results: Sequence[Results]) -> None:
         self.results = results

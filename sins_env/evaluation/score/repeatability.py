@@ -1,8 +1,8 @@
-"""Repeatability of the heading: how runs at the same heading differ, a constant error of the place or of the sensors apart.
+"""Repeatability of the heading: the scatter of runs at the same heading, without an error that all of them share.
 
-000 tables 6.4 to 6.8 give the standard deviation of the final heading over ten records, for each of three headings. Here it
-is that of the error of the heading, since the truths of simulated records differ by what people do to the car; of the
-heading itself where errors are not scored. The runs of a simulation draw the biases of their sensors anew, so these are in it.
+000 tables 6.4 to 6.8 give the standard deviation of the final heading over ten records, for each of three headings. Here
+it is that of the heading error, because people move the car and the true headings of simulated records differ. If errors
+are not scored, it is that of the heading itself. Each simulated run draws new sensor biases, so they contribute, too.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from sins_env.evaluation.tasks.task import EvaluationTask
 
 
 class Repeatability(NamedTuple):
-    """Standard deviation within a group of runs, or within all of them."""
+    """Standard deviation of the heading within a group of runs, or within all groups."""
 
-    group: str  #: "149.4°", or "all"
-    runs: int  #: that have a final heading, in groups of at least two
-    deg: float  #: NaN where there is no such group
-    interval: Interval  #: 95 %, BCa over runs, deg
+    group: str  #: name of the group, such as "149.4°", or "all"
+    runs: int  #: number of runs with a final heading, in groups of at least two
+    deg: float  #: standard deviation, deg; NaN if there is no such group
+    interval: Interval  #: 95 % BCa interval over runs, deg
 
 
 def shares_headings(task: EvaluationTask) -> bool:
-    """Whether runs of the task have headings in common, so that their spread tells something."""
+    """Return whether several runs of the task share a heading, so that they have a repeatability."""
     return task.windows > 1 or task.records > 1
 
 
 def repeatability(records: Records, task: EvaluationTask) -> list[Repeatability]:
-    """Of each heading of the task in the order of its records, and last of all together: the root of the mean variance.
+    """Return the repeatability at each heading of the task, in the order of its records, and last that of all together.
 
-    A recording, and a simulation without records, is one group.
+    The last is the root of the mean variance. A recording is one group, and so is a simulation without records.
     """
     there = np.isfinite(records.heading) & ~records.unfinished
     values = records.final[there, 2] if records.criteria.scored else records.heading[there]
@@ -48,7 +48,7 @@ def repeatability(records: Records, task: EvaluationTask) -> list[Repeatability]
 
 
 def _groups(task: EvaluationTask, run: NDArray[np.int64]) -> tuple[list[str], NDArray[np.int64]]:
-    """Their names, and the number of that of each run."""
+    """Return the names of the groups, and for each run the index of its group."""
     headings = task.kwargs.get("heading_deg")
     if not task.records or not isinstance(headings, (list, tuple)):
         return ["all"], np.zeros(len(run), dtype=np.int64)

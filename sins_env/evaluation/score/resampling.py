@@ -1,8 +1,9 @@
-"""The bootstrap over runs, for every solver at once.
+"""Bootstrap over runs, for every solver at once.
 
-Each statistic here is a function of sums over runs. A resample is how often each run was drawn, so the resampled sums of
-any number of scores are one matrix product, and all solvers share the resamples: the paired comparison of two of them is
-the quotient of two columns. Within a run errors are one correlated path; runs are independent, so runs are resampled.
+Each statistic here is a function of sums over runs, and a resample is the number of times that each run was drawn. The
+resampled sums of any number of scores are therefore one matrix product. All solvers share the resamples, so the paired
+comparison of two of them is the quotient of two columns. Runs are resampled, not epochs: runs are independent, while the
+errors within a run are correlated.
 
 BCa intervals: Efron (1987), doi 10.1080/01621459.1987.10478410; Efron and Tibshirani (1993), eq. 14.9, 14.10 and 14.15.
 """
@@ -18,7 +19,8 @@ from scipy import special
 
 from sins_env.arrays import Array
 
-#: Fewer common runs tell nothing apart: of five, chance puts one solver ahead in all more often than once in twenty.
+#: Least number of common runs that can tell two solvers apart. With five, chance alone puts one of two equal solvers ahead
+#: in all of them in more than 5 % of cases.
 LEAST_RUNS = 6
 
 Interval = tuple[float, float]
@@ -27,14 +29,14 @@ Estimate = tuple[float, Interval]  #: a value with its 95 % interval
 CONFIDENCE = 0.95
 NO_INTERVAL: Interval = (math.nan, math.nan)
 RESAMPLES = 4999
-SEED = 20110607  #: a table is the same whenever it is made
-MOST_UNITS = 2000  #: more runs are drawn in so many blocks of them: runs are alike, so are the means of blocks
+SEED = 20110607  #: fixed seed of the resamples, so that a table is always the same
+MOST_UNITS = 2000  #: most units that are drawn; more runs are drawn in blocks, for blocks of like runs are alike
 TAILS = np.array([0.5 * (1 - CONFIDENCE), 0.5 * (1 + CONFIDENCE)])
 
 
 @lru_cache(maxsize=3)
 def _counts(units: int, resamples: int) -> Array:
-    """(resamples, units) how often each unit was drawn."""
+    """Return how often each unit was drawn in each resample, (resamples, units)."""
     rng = np.random.default_rng(SEED)
     out = np.empty((resamples, units))
     portion = max(1_000_000 // units, 1)
@@ -46,7 +48,7 @@ def _counts(units: int, resamples: int) -> Array:
 
 
 def units_of(columns: Array) -> Array:
-    """Sums over the units that are resampled, runs or blocks of runs: (R, c) -> (units, c)."""
+    """Return sums over the units that are resampled, which are runs or blocks of runs: (R, c) -> (units, c)."""
     runs = len(columns)
     if runs <= MOST_UNITS:
         return columns
@@ -54,22 +56,22 @@ def units_of(columns: Array) -> Array:
 
 
 def resampled(units: Array, resamples: int = RESAMPLES) -> Array:
-    """Resampled sums of (units, c): (resamples, c), the first of RESAMPLES."""
+    """Return the sums of columns (units, c) in the first ``resamples`` resamples: (resamples, c)."""
     return _counts(len(units), RESAMPLES)[:resamples] @ units
 
 
 @lru_cache(maxsize=8)
 def sizes(runs: int) -> tuple[Array, Array]:
-    """How many runs are in each unit (units, 1), and in each resample (RESAMPLES, 1)."""
+    """Return the number of runs in each unit (units, 1) and in each resample (RESAMPLES, 1)."""
     units = units_of(np.ones((runs, 1)))
     return units, resampled(units)
 
 
 def root_interval(top: Array, drawn_top: Array, bottom: Array, drawn_bottom: Array) -> Array:
-    """BCa intervals of sqrt(sum top / sum bottom): (c, 2); NaN for a single unit, or where nothing is known.
+    """Return BCa intervals (c, 2) of sqrt(sum top / sum bottom); NaN for a single unit or for unknown values.
 
     Args:
-        top, bottom: what was resampled, (units, c); not negative.
+        top, bottom: values that were resampled, (units, c), not negative.
         drawn_top, drawn_bottom: resampled sums, (RESAMPLES, c).
     """
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -82,9 +84,14 @@ def root_interval(top: Array, drawn_top: Array, bottom: Array, drawn_bottom: Arr
 
 
 def bca(drawn: Array, value: Array, without: Array) -> Array:
-    """Intervals (c, 2) from resampled statistics (B, c), the statistic (c,), and leaving out one unit (units, c).
+    """Return BCa intervals (c, 2) of c statistics.
 
-    The percentile interval stands where the correction does not exist; equal values give a point.
+    If the correction does not exist, the percentile interval takes its place. Equal values give a point.
+
+    Args:
+        drawn: resampled statistics, (B, c).
+        value: statistics of the sample, (c,).
+        without: statistics with one unit left out, (units, c).
     """
     size = len(drawn)
     drawn = np.sort(drawn.T, axis=1)  # NaN last: those columns give NaN
@@ -114,10 +121,11 @@ def bca(drawn: Array, value: Array, without: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _middles(runs: int, resamples: int) -> NDArray[np.int64]:
-    """(2, resamples) ranks, from 0, of the two middle runs of each resample (the same one twice for an odd number).
+    """Return the ranks (2, resamples), from 0, of the two middle runs of each resample; both are equal for odd ``runs``.
 
-    The k-th smallest of n draws from ranks 0 to n - 1 is floor(n U), with U the k-th smallest of n uniform values: Beta
-    distributed, and the next one is U + (1 - U) times the least of n - k others. So no resample needs to be drawn.
+    The k-th smallest of n draws from the ranks 0 to n - 1 is floor(n U). U is the k-th smallest of n uniform values, which
+    is Beta distributed. The next smallest value is U + (1 - U) times the least of n - k other uniform values. No resample
+    needs to be drawn.
     """
     rng = np.random.default_rng(SEED)
     k = (runs + 1) // 2
@@ -127,33 +135,36 @@ def _middles(runs: int, resamples: int) -> NDArray[np.int64]:
 
 
 def resampled_medians(values: Array) -> Array:
-    """Medians of RESAMPLES resamples of (R,); inf where the middle is censored."""
+    """Return the medians (RESAMPLES,) of resamples of values (R,); inf if the middle run is censored."""
     ordered = np.sort(values)
     first, second = _middles(len(values), RESAMPLES)
     return 0.5 * (ordered[first] + ordered[second])
 
 
 def percentile_interval(drawn: Array) -> Interval:
-    """Without interpolation, which would make inf - inf."""
+    """Return the percentile interval of resampled values, without interpolation, which would give inf - inf."""
     low, high = np.percentile(drawn, 100 * TAILS, method="inverted_cdf")
     return float(low), float(high)
 
 
 def median_interval(values: Array) -> Estimate:
-    """Median with its percentile-bootstrap interval; censored times are +inf. (R,).
+    """Return the median of values (R,) with its percentile-bootstrap interval; censored times are +inf.
 
-    Not BCa: its acceleration comes from leaving out one run, which says nothing of a median.
+    BCa does not apply: its acceleration comes from leaving out one run, which tells nothing about a median.
     """
     return float(np.median(values)), percentile_interval(resampled_medians(values))
 
 
 def rms_interval(rms: Array) -> Estimate:
-    """RMS across runs of each run's RMS, with a 95 % BCa interval: none for one run, a point for equal ones. (R,)"""
+    """Return the RMS over runs of each run's RMS (R,) with its 95 % BCa interval.
+
+    The interval is NaN for a single run, and a point for equal values.
+    """
     return rms_intervals(rms[:, None])[0]
 
 
 def rms_intervals(rms: Array) -> list[Estimate]:
-    """The same for every column of (R, c), in one go."""
+    """Return :func:`rms_interval` of every column of (R, c), computed together."""
     squares = np.square(rms)
     top = units_of(squares)
     ends = root_interval(top, resampled(top), *sizes(len(rms)))

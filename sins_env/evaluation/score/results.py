@@ -1,4 +1,4 @@
-"""What an evaluation returns: the records of every solver on every task, and their summaries."""
+"""Results of an evaluation: the records of a solver on a task, their summary, and the bound."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from sins_env.units import DEG
 
 
 class MainScore(NamedTuple):
-    """The error that a task is about, with its 95 % interval and its bound, in a unit for readers."""
+    """Error that a task is about, with its 95 % interval and its bound, in a unit for readers."""
 
     name: str
     unit: str
     value: float
     interval: Interval
-    bound: float  #: NaN without one
+    bound: float  #: bound of the error, NaN if there is none
 
 
 @dataclass(frozen=True, repr=False)
 class Results:
-    """What an evaluation gave: one solver, one task, one suite."""
+    """Results of one solver on one task and one suite."""
 
     task: EvaluationTask
     solver: str
@@ -42,7 +42,7 @@ class Results:
     suite: str  #: hash of the suite seed
     records: Records
     cost: Cost | None = None
-    stored_bound: Bound | Literal["ask"] | None = "ask"  #: of the task, from a results file; "ask": ask the task
+    stored_bound: Bound | Literal["ask"] | None = "ask"  #: bound from a results file; "ask" finds that of the task
 
     @cached_property
     def summary(self) -> Summary:
@@ -51,7 +51,7 @@ class Results:
 
     @cached_property
     def bound(self) -> Bound | None:
-        """Of the task; None where there is none, or where these scores are of other epochs than the task's."""
+        """Bound of the task; None if there is none, or if these scores are taken at other epochs than it."""
         if not self.records.criteria.scored:
             return None
         found = bounds.find(self.task) if self.stored_bound == "ask" else self.stored_bound
@@ -59,17 +59,17 @@ class Results:
 
     @cached_property
     def bound_ratio(self) -> dict[str, float]:
-        """RMS over the bound by axis; NaN without one."""
+        """RMS divided by the bound, by axis; NaN without a bound."""
         return bound_ratios(self.records, self.bound) if self.bound else dict.fromkeys("ENU", math.nan)
 
     @cached_property
     def bound_means(self) -> dict[str, float]:
-        """The bound of each ARMSE of a navigation task, by name (quantities.py); empty without a bound."""
+        """Bound of each ARMSE of a navigation task, by name (quantities.py); empty without a bound."""
         return bound_means(self.records, self.bound) if self.bound and self.records.criteria.navigates else {}
 
     @property
     def headline_ratio(self) -> float:
-        """The error that a task is about over its bound: azimuth RMS, or ARMSE of the headline; NaN without a bound."""
+        """Azimuth RMS, or ARMSE of the headline in navigation, divided by its bound; NaN without a bound."""
         if self.summary.navigation is None:
             return self.bound_ratio["U"]
         name = headline(self.task)
@@ -77,7 +77,7 @@ class Results:
 
     @property
     def main_score(self) -> MainScore:
-        """What tables show first and figures draw: azimuth RMS, or ARMSE of what a navigation task is about."""
+        """Score that tables show first and figures draw: azimuth RMS, or in navigation ARMSE of the headline."""
         s = self.summary
         if s.navigation is None:
             low, high = s.rms_ci["U"]
@@ -92,24 +92,24 @@ class Results:
 
     @property
     def spread(self) -> Repeatability:
-        """Standard deviation of the heading: within its groups where the task has records, else over all runs."""
+        """Standard deviation of the heading: within its groups if the task has records, else over all runs."""
         if self.task.records:
             return self.repeatability[-1]
         return Repeatability("all", self.summary.spread_runs, self.summary.spread_deg, NO_INTERVAL)
 
     @cached_property
     def repeatability(self) -> list[Repeatability]:
-        """Standard deviation of the heading's error at each heading of the task, and last of all together."""
+        """Repeatability at each heading of the task, and last that of all together."""
         return repeatability(self.records, self.task)
 
     @cached_property
     def below_bound(self) -> bool | None:
-        """Whether the solver is better than the bound allows; None: no verdict."""
+        """Whether the solver is better than the bound allows; None if there is no bound or it is only a reference."""
         return below_bound(self.records, self.bound) if self.bound else None
 
     @property
     def label(self) -> str:
-        """The solver with its settings, as tables and figures show it."""
+        """Name of the solver with its settings, for tables and figures."""
         given = ", ".join(f"{name}={value}" for name, value in sorted(self.settings.items()))
         return f"{self.solver} ({given})" if given else self.solver
 
@@ -118,14 +118,14 @@ class Results:
 
 
 def summarise_together(results: Sequence[Results]) -> None:
-    """Work out the summaries that are not known yet, all at once: several times faster than one after the other."""
+    """Compute the summaries that are not known yet, all at once, which is several times faster than one by one."""
     todo = [one for one in results if "summary" not in vars(one)]
     for one, summary in zip(todo, summaries([one.records for one in todo]), strict=True):
         vars(one)["summary"] = summary  # where cached_property keeps it
 
 
 def by_task(results: Iterable[Results]) -> dict[tuple[str, str], list[Results]]:
-    """Results by task and suite, in their order."""
+    """Return the results by task and suite, each group in the given order."""
     out: dict[tuple[str, str], list[Results]] = {}
     for one in results:
         out.setdefault((one.task.name, one.suite), []).append(one)

@@ -1,4 +1,6 @@
-"""Scores become tables and figures: terminal, Markdown, CSV, JSON and PNG.
+"""Tables and figures: results as terminal, Markdown, CSV, JSON and PNG.
 
-Read ``numbers``, ``columns``, ``plain_tables``, ``terminal_tables``, ``footer``, then ``style``, ``error_figure``, ``run_figure``.
+The results of ``score`` come in; text or a Matplotlib figure goes out. All tables iterate over the one list of columns.
+Read ``numbers``, ``cells``, ``columns``, ``plain_tables``, ``terminal_tables``, ``footer``, then ``style``,
+``error_figure``, ``run_figure``. ``templates`` serves the HTML report and the reproduction paper.
 """

@@ -1,4 +1,4 @@
-"""Cells of tables: what one column says of one solver, as text for people; the forms of a table only lay it out."""
+"""Cells of tables: the entry of one solver in one column, as text for people. The forms of a table only lay them out."""
 
 from __future__ import annotations
 
@@ -13,56 +13,56 @@ from sins_env.evaluation.show.numbers import angle, angle_interval, interval, nu
 
 
 class Cell(NamedTuple):
-    """A value, and what goes with it."""
+    """Value of a table cell with its interval, warning and mark."""
 
-    value: str  #: parts after ", " stand on lines of their own where there is room below
-    below: str = ""  #: an interval, or of how many runs
-    note: str = ""  #: a warning in one word
-    mark: str = ""  #: good, fair, bad, none where there is nothing to tell, or empty
+    value: str  #: text of the value; the terminal puts each part after ", " on a line of its own
+    below: str = ""  #: interval, or the number of runs behind the value
+    note: str = ""  #: warning in one word
+    mark: str = ""  #: "good", "fair", "bad", "none" for a value without interest, or empty
 
 
 def runs(one: Results) -> Cell:
-    """How many runs there are."""
+    """Return the number of runs."""
     return Cell(str(one.summary.runs))
 
 
 def success(one: Results) -> Cell:
-    """The share of aligned runs."""
+    """Return the share of aligned runs."""
     return Cell(success_text(one.summary))
 
 
 def aligned(one: Results) -> Cell:
-    """The share of aligned runs, and of how many it is."""
+    """Return the share of aligned runs, with the number of runs."""
     s = one.summary
     mark = "" if not s.scored else "good" if s.success >= 0.95 else "fair" if s.success >= 0.5 else "bad"
     return Cell(success_text(s), f"of {s.runs}", mark=mark)
 
 
 def success_text(s: Summary) -> str:
-    """Whole per cent; '-' where nothing is scored."""
+    """Return the share of aligned runs in whole per cent; '-' if errors are not scored."""
     return f"{100 * s.success:.0f} %" if s.scored else "-"
 
 
 def median_time(one: Results) -> Cell:
-    """Median time to alignment, s."""
+    """Return the median time to alignment, s, with its interval."""
     return Cell(seconds(one.summary.t_conv_median_s), seconds_interval(one.summary.t_conv_ci_s))
 
 
 def estimate(value: Estimate, unit: str) -> Cell:
-    """A number with its interval, in ``unit``; large numbers of arcsec are shown as degrees."""
+    """Return a number with its interval, in ``unit``; large numbers of arcsec are shown as degrees."""
     as_angle = unit == "arcsec"
     return Cell((angle if as_angle else number)(value[0]), (angle_interval if as_angle else interval)(value[1]))
 
 
 def bound_ratio(one: Results) -> Cell:
-    """The main score over its bound, in brackets where the bound is a reference only."""
+    """Return the main score over its bound, in brackets if the bound is only a reference."""
     text = number(one.headline_ratio)
     shown = f"({text})" if one.bound and not one.bound.holds else text
     return Cell(shown, note="below", mark="bad") if one.below_bound else Cell(shown)
 
 
 def nees(found: tuple[Nees, ...], dof: int) -> Cell:
-    """Mean NEES at the end over its expectation; '-' where it is not scored."""
+    """Return the mean NEES at the end over its expectation ``dof``; '-' without a NEES."""
     if not found:
         return Cell("-")
     last = found[-1]
@@ -71,23 +71,26 @@ def nees(found: tuple[Nees, ...], dof: int) -> Cell:
 
 
 def failures(one: Results) -> Cell:
-    """How many runs failed, and how."""
+    """Return the number of failed runs by kind of failure."""
     return Cell(failure_text(one.summary), mark="bad" if one.summary.failures else "none")
 
 
 def failure_text(summary: Summary) -> str:
-    """'2 diverged, 1 raised', or '0'."""
+    """Return a text such as '2 diverged, 1 raised', or '0'."""
     parts = [f"{count} {name}" for name, count in summary.counts.items() if count and name != "any"]
     return ", ".join(parts) or "0"
 
 
 def cost(one: Results) -> Cell:
-    """Time of a step over that of ``ckf``."""
+    """Return the time of a step over that of ``ckf``; '-' if it is not known."""
     return Cell(number(one.cost.ratio, 2) if one.cost and one.cost.ratio is not None else "-")
 
 
 def spread(one: Results) -> Cell:
-    """Standard deviation of the heading in degrees, with its interval, or of how many runs where some have none."""
+    """Return the standard deviation of the heading, deg.
+
+    A task with records has the interval below. Other tasks have the number of runs below, if some have no final heading.
+    """
     found = one.spread
     below = f"of {found.runs}" if found.runs < one.summary.runs else ""
     if one.task.records:

@@ -1,7 +1,8 @@
 """The one list of score columns. Terminal, Markdown, CSV, JSON and the HTML report iterate over COLUMNS.
 
-A new score is one entry: ``estimate(key, title, unit, value)`` is enough for a number with its interval, and shows it in all
-five forms. What such a score is worked out from are ``one.records`` and ``one.summary`` of the :class:`Results` of a solver.
+A new score is one entry. For a number with its interval ``estimate(key, title, unit, value)`` is enough, and all five forms
+show it. The function ``value`` computes it from ``one.records`` and ``one.summary``; ``one`` is the :class:`Results` of a
+solver.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from sins_env.evaluation.tasks.task import EvaluationTask
 
 
 class Place(IntEnum):
-    """Where a column stands in a table, from left to right; those of one place keep their order in the list."""
+    """Place of a column in a table, from left to right; columns of one place keep their order in the list."""
 
     RUNS = 0
     TIME = 1
@@ -50,75 +51,75 @@ class Column:
     title: str = ""
     unit: str = ""
     place: Place = Place.ERRORS
-    cell: Callable[[Results], Cell] | None = None  #: None: it is in CSV and JSON only
+    #: Cell of a solver in a table; None if only CSV and JSON have the score.
+    cell: Callable[[Results], Cell] | None = None
     tables: tuple[str, ...] = TABLES
-    markdown: str = ""  #: the heading in Markdown where it is another than title and unit
-    about: Callable[[Results], str] | None = (
-        None  #: what the page says in small type besides the title, instead of the unit
-    )
-    #: Alignment or navigation only. CSV has alignment scores of every task, JSON those that navigation does not replace.
+    markdown: str = ""  #: heading in Markdown, if it differs from title and unit
+    #: Text that the page shows in small type below the title, instead of the unit.
+    about: Callable[[Results], str] | None = None
+    #: False for alignment only, True for navigation only, None for both. CSV has the alignment scores of every task, JSON
+    #: only those that navigation does not replace.
     navigates: bool | None = None
-    known: Callable[[Results], bool] = lambda one: True  #: a table has the column if any of its solvers has this
-    main: Callable[[EvaluationTask], bool] = lambda task: (
-        False
-    )  #: what the task is about; always shown, with its interval
-    ranks: Callable[[EvaluationTask], bool] = lambda task: False  #: orders the solvers besides; always shown
-    drop: int = 0  #: a narrow terminal leaves out 1 first; 0 never
-    part: str = ""  #: its name in the line that says what was left out; columns of one part go together
-    intervals: str = ""  #: whose intervals a narrow terminal leaves out before any column; empty: this one's stay
-    csv: tuple[str, ...] = ()  #: headings of its figures
+    known: Callable[[Results], bool] = lambda one: True  #: a table has the column if this holds for any of its solvers
+    #: Whether this is the score that the task is about, which is always shown with its interval.
+    main: Callable[[EvaluationTask], bool] = lambda task: False
+    ranks: Callable[[EvaluationTask], bool] = lambda task: False  #: whether it ranks besides; if so, it is always shown
+    drop: int = 0  #: order in which a narrow terminal leaves columns out, from 1; 0 is never left out
+    part: str = ""  #: name in the line that lists what was left out; columns of one part are left out together
+    intervals: str = ""  #: name of the intervals that go before any column does; empty if this one's intervals stay
+    csv: tuple[str, ...] = ()  #: headings of ``figures``
     figures: Callable[[Results], Sequence[Any]] = lambda one: ()
-    json: Callable[[Results], dict[str, Any]] = lambda one: {}  #: objects of one key are merged
+    json: Callable[[Results], dict[str, Any]] = lambda one: {}  #: entries in JSON; objects under one key are merged
 
     def holds(self, one: Results) -> bool:
-        """Whether CSV and JSON have the score for this solver's task."""
+        """Return whether CSV and JSON have the score for this solver's task."""
         return not self.navigates or one.records.criteria.navigates
 
     def shown(self, one: Results) -> Cell:
-        """What a table shows of the solver."""
+        """Return the cell of the solver in a table."""
         assert self.cell is not None
         return self.cell(one)
 
     def stays(self, task: EvaluationTask) -> bool:
-        """Whether a table of the task has it at any width."""
+        """Return whether a table of the task keeps the column at any width."""
         return not self.drop or self.main(task) or self.ranks(task)
 
 
 def table_columns(group: Sequence[Results], form: str) -> list[Column]:
-    """The columns of a table of one task's solvers, from left to right."""
+    """Return the columns of a table of one task's solvers, from left to right; ``form`` is one of TABLES."""
     kinds = (None, group[0].records.criteria.navigates)
     there = [one for one in COLUMNS if one.cell and form in one.tables and one.navigates in kinds]
     return sorted((column for column in there if any(map(column.known, group))), key=lambda column: column.place)
 
 
 def data_columns(results: Sequence[Results]) -> list[Column]:
-    """The columns of CSV and JSON; those of navigation only where any of the tasks navigates."""
+    """Return the columns of CSV and JSON; those of navigation only if any of the tasks navigates."""
     return [column for column in COLUMNS if any(map(column.holds, results))]
 
 
 def navigation(one: Results) -> Navigation:
-    """The scores of navigation of a solver whose task navigates."""
+    """Return the navigation scores of a solver whose task navigates."""
     assert one.summary.navigation is not None
     return one.summary.navigation
 
 
 def finite(value: float) -> float | None:
-    """The value as JSON has it: null for what is not known or infinite."""
+    """Return the value for JSON: None, which becomes null, if it is unknown or infinite."""
     return value if math.isfinite(value) else None
 
 
 def sign(unit: str) -> str:
-    """A unit as the terminal and Markdown show it."""
+    """Return a unit as the terminal and Markdown show it."""
     return '"' if unit == "arcsec" else unit
 
 
 def word(unit: str) -> str:
-    """A unit as part of a key: 'm/s' is 'm_per_s'."""
+    """Return a unit as part of a key; 'm/s' becomes 'm_per_s'."""
     return unit.replace("/", "_per_")
 
 
 def estimate(key: str, title: str, unit: str, value: Callable[[Results], Estimate], **more: Any) -> Column:
-    """A score with its interval in ``unit``, in all forms; ``more`` is what is not usual about it."""
+    """Make the column of a score with its interval in ``unit``, in all forms; ``more`` replaces fields of the column."""
 
     def figures(one: Results) -> tuple[float, ...]:
         found, ends = value(one)
@@ -148,7 +149,7 @@ def _rms(axis: str, name: str, **more: Any) -> Column:
     return estimate(key, f"{name} RMS", "arcsec", value, navigates=False, json=json, **more)
 
 
-#: Of the errors of navigation that tables show: when a narrow terminal leaves them out, and what it calls them.
+#: Navigation errors that tables show, each with its ``drop`` and its ``part``.
 _SHOWN = {
     "azimuth": (9, "the other errors"), "level": (6, "level"),
     "position_h": (9, "the other errors"), "position_v": (3, "vertical errors"),
@@ -176,7 +177,7 @@ def _armse(name: str) -> Column:
 
 
 def _figure(key: str, value: Callable[[Results], Any], json: bool = False) -> Column:
-    """A number of navigation tasks that no table shows: in CSV, and perhaps in JSON."""
+    """Make the column of a navigation score that no table shows: it is in CSV and perhaps in JSON."""
     told = (lambda one: {key: finite(value(one))}) if json else lambda one: {}
     return Column(key, navigates=True, csv=(key,), figures=lambda one: (value(one),), json=told)
 

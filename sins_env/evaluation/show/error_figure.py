@@ -1,4 +1,4 @@
-"""Figures of evaluations: errors over time with their spread, success against the threshold, one run."""
+"""The figure of an evaluation: errors over time with their spread, and success against the threshold."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ Floats = NDArray[np.floating[Any]]  #: histories are kept in single precision
 
 
 def error_figure(results: Sequence[Results]) -> Figure:
-    """A row per task: RMS of azimuth and level over time with 95 % bands, success against the threshold.
+    """Draw a row per task: RMS of azimuth and level over time with 95 % bands, and success against the threshold.
 
-    Where a task navigates position and velocity stand in the place of level and success.
+    A task of navigation has position and velocity instead of level and success.
     """
     groups = list(by_task(results).values())
     figure = new_figure(13.0, 4.3 * len(groups) + 0.5)
@@ -62,13 +62,13 @@ def error_figure(results: Sequence[Results]) -> Figure:
 
 
 class _Curve(NamedTuple):
-    """RMS over runs of the length of some components, or of a component of them."""
+    """Curve of the RMS over runs of some components."""
 
     title: str
-    parts: list[int]  #: of COMPONENTS
+    parts: list[int]  #: indices of components in the layout SCORED
     unit: float
     unit_name: str
-    of_component: bool = False
+    of_component: bool = False  #: whether it is the RMS of a single component; if not, of the length of all
 
 
 _ALIGNMENT = (
@@ -111,19 +111,19 @@ def _success(axes: Axes, lines: Sequence[Results], colours: Mapping[str, int]) -
 
 
 def size_of(parts: Floats, of_component: bool) -> Floats:
-    """Length of errors or sigmas (..., parts), or the root of their mean square: (...)."""
+    """Return the length (...) of errors or sigmas (..., parts), or for ``of_component`` the root of their mean square."""
     squares = np.square(parts, dtype=float)
     return np.sqrt(squares.mean(axis=-1) if of_component else squares.sum(axis=-1))
 
 
 def error_curve(size: Floats, unit: float, resamples: int = 400) -> tuple[Floats, Floats, Floats]:
-    """RMS over runs with its band, in ``unit``: (R, S) -> three of (S,); never zero, for log axes."""
+    """Return the RMS over runs and the ends of its band, in ``unit``: (R, S) -> three (S,). None is zero, for log axes."""
     value, low, high = (np.maximum(curve / unit, 1e-12) for curve in rms_band(size.astype(np.float32), resamples))
     return value, low, high
 
 
 def band(axes: Axes, t: Any, size: Floats, unit: float, label: str, i: int) -> None:
-    """RMS over runs of (R, S) with its 95 % band, in the look of the i-th solver."""
+    """Draw the RMS over runs of errors (R, S) with its 95 % band, in the style of the i-th solver."""
     value, low, high = error_curve(size, unit)
     if len(size) > 1:
         axes.fill_between(t, low, high, color=style(i)["color"], alpha=0.15, linewidth=0)

@@ -1,4 +1,4 @@
-"""The remarks below a ranked table: what the columns mean, and what the runs cannot tell."""
+"""Remarks below a ranked table: the meaning of its columns, and the limits of its runs."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from sins_env.evaluation.tasks.task import EvaluationTask
 
 
 def footer(results: Sequence[Results]) -> str:
+    """Return the remarks below the table of one task's solvers."""
     task, s = results[0].task, results[0].summary
     if not s.scored:
         lines = ["The recording has no reference: errors are not scored and nothing is ranked."]
@@ -42,7 +43,7 @@ def footer(results: Sequence[Results]) -> str:
 
 
 def _meaning(task: EvaluationTask, s: Summary) -> list[str]:
-    """What errors and ranks are."""
+    """Return the lines that explain errors and ranks."""
     if s.navigation is None:
         return [
             f"RMS over runs and the last {s.steady_s:g} s; 95 % intervals.",
@@ -60,7 +61,7 @@ def _meaning(task: EvaluationTask, s: Summary) -> list[str]:
 
 
 def order(task: EvaluationTask) -> str:
-    """What orders the solvers of a navigation task."""
+    """Return the text that names the score by which a navigation task orders solvers."""
     if not by_failures(task):
         return f"{QUANTITIES[task.rank_by].name} RMS over runs and time"
     limit = (
@@ -72,7 +73,7 @@ def order(task: EvaluationTask) -> str:
 
 
 def _bound_note(results: Sequence[Results]) -> list[str]:
-    """What the column means, and who is too good to be true."""
+    """Return the lines that explain the ratio to the bound and name solvers below the bound."""
     bound = next((one.bound for one in results if one.bound), None)
     if bound is None:
         return []
@@ -90,13 +91,13 @@ def _bound_note(results: Sequence[Results]) -> list[str]:
 
 
 def _silent(results: Sequence[Results]) -> str:
-    """What '-' in the column means, where it stands there."""
+    """Return the meaning of '-' in the column of NEES, if any solver has one."""
     none = any(not one.summary.nees_of_all for one in results)
     return "; -: the solver states no covariance" if none else ""
 
 
 def _bands(results: Sequence[Results]) -> str:
-    """The band for each number of runs that has a NEES; of more than three the fewest and the most."""
+    """Return the band of NEES for each number of runs; if there are more than three, for the fewest and the most."""
     dof = results[0].summary.nees_dof
     known = [one.summary.nees_of_all[-1] for one in results if one.summary.nees_of_all]
     bands = {last.runs: (last.band[0] / dof, last.band[1] / dof) for last in known}

@@ -1,4 +1,4 @@
-"""Numbers as people read them: three significant digits, angles in the unit that fits, intervals."""
+"""Numbers as text for people: three significant digits, angles in a fitting unit, and intervals."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from sins_env.evaluation.score.resampling import Interval
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Three significant digits, without an exponent below ten million; '-' for what is not known."""
+    """Return three significant digits, without an exponent below ten million; '-' for NaN, and 'never' for inf."""
     if math.isnan(value):
         return "-"
     if math.isinf(value):
@@ -22,23 +22,25 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def seconds(value: float) -> str:
-    """Whole seconds, tenths below ten."""
+    """Return whole seconds, with tenths below ten."""
     return number(value) if not math.isfinite(value) else f"{value:.{0 if value >= 10 else 1}f}"
 
 
 def seconds_interval(ci: Interval) -> str:
-    """'115–147'; empty where there is nothing to enclose."""
+    """Return an interval such as '115–147'; empty if it is unknown, unbounded below or a point."""
     return "" if not math.isfinite(ci[0]) or ci[0] == ci[1] else f"{seconds(ci[0])}–{seconds(ci[1])}"
 
 
 def angle(arcsec: float) -> str:
-    """Arcseconds without a unit; from 10,000 on degrees, with their sign."""
+    """Return arcseconds without a unit, or from 10,000 on degrees with their sign."""
     return f"{number(arcsec / 3600)}°" if 1e4 <= arcsec < math.inf else number(arcsec)
 
 
 def angle_interval(ci: Interval) -> str:
+    """Return an interval of angles given in arcsec; empty if it is unknown."""
     return "" if math.isnan(ci[0]) else f"{angle(ci[0])}–{angle(ci[1])}".replace(",", "")
 
 
 def interval(ci: Interval) -> str:
+    """Return an interval of numbers; empty if it is unknown."""
     return "" if math.isnan(ci[0]) else f"{number(ci[0])}–{number(ci[1])}".replace(",", "")

@@ -1,4 +1,4 @@
-"""The ranked table as Markdown, CSV and JSON. What it holds is told by the one list of columns."""
+"""The ranked table as Markdown, CSV and JSON, from the one list of columns."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ from sins_env.evaluation.show.footer import footer
 
 
 def as_json(results: Iterable[Results]) -> str:
-    """A list of objects with the keys of docs/tasks_and_scores.md#json-keys; what is not known or infinite is null."""
+    """Return a JSON list of objects, one per solver; a value that is unknown or infinite is null.
+
+    The keys are those of docs/tasks_and_scores.md#json-keys.
+    """
     return json.dumps([_entry(one) for group in by_task(results).values() for _, one in ranked(group)], indent=2)
 
 
@@ -31,7 +34,7 @@ def _entry(one: Results) -> dict[str, Any]:
 
 
 def as_csv(results: Iterable[Results]) -> str:
-    """One line per solver with every figure; empty where a value is not known. Navigation has columns of its own."""
+    """Return CSV with a line per solver and every figure; unknown values are empty. Navigation has columns of its own."""
     out, given = io.StringIO(), list(results)
     writer = csv.writer(out, lineterminator="\n")
     wanted = columns.data_columns(given)
@@ -66,6 +69,6 @@ def _heading(column: Column) -> str:
 
 
 def _inline(cell: Cell) -> str:
-    """The value with its interval in brackets, and a warning in parentheses."""
+    """Return the value with its interval in brackets and a warning in parentheses."""
     text = f"{cell.value} [{cell.below}]" if cell.below else cell.value
     return f"{text} ({cell.note})" if cell.note else text

@@ -1,4 +1,4 @@
-"""The figure of one run: its errors, the filter's own sigma, and the bound."""
+"""The figure of one run: its errors, the sigma that the filter reports, and the bound."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
 
 
 class _Row(NamedTuple):
-    """An error of one run."""
+    """Panel of one error component."""
 
     name: str
-    j: int  #: of COMPONENTS
+    j: int  #: index of the component in the layout SCORED
     unit: float
     unit_name: str
 
@@ -44,7 +44,7 @@ _STATES = [
 
 
 def run_figure(task: EvaluationTask, label: str, course: Course) -> Figure:
-    """The errors of one run at every epoch, with what the estimator says of them (3 sigma)."""
+    """Draw the errors of one run at every epoch, with the 3 sigma that the estimator reports."""
     criteria = course.records.criteria
     columns = [_ANGLES, *(_STATES if criteria.navigates else [])]
     figure = new_figure(9.0 + 4.0 * (len(columns) - 1), 7.2)
@@ -101,13 +101,13 @@ def _verdict(course: Course) -> str:
 
 
 def _round_above(value: float) -> float:
-    """The next of 1, 2 and 5 times a power of ten."""
+    """Return the least of 1, 2 and 5 times a power of ten that is not below the value."""
     decade = 10.0 ** math.floor(math.log10(max(value, 1e-6)))
     return next(factor * decade for factor in (1.0, 2.0, 5.0, 10.0) if factor * decade >= value)
 
 
 def _symlog_ticks(axes: Axes, delta: float, phi: Any) -> None:
-    """Linear within twice the threshold, logarithmic beyond: zero, the threshold and the decades."""
+    """Set ticks at zero, the threshold and the decades; the axis is linear within twice the threshold."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator  # slow to import
 
     top = max(float(np.nan_to_num(np.abs(phi)).max(initial=0.0)) * 1.5, 2.5 * delta)

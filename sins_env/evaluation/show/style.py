@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
     from matplotlib.figure import Figure
 
 
-#: Okabe and Ito: told apart with any colour vision; line styles tell solvers apart in print, too.
+#: Colours of Okabe and Ito, which differ for any colour vision; line styles differ in print, too.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 NO_REFERENCE = "no reference: errors are not scored"
@@ -24,12 +24,12 @@ _DOTTED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (1, 1)), "linewidth
 
 
 def style(i: int) -> dict[str, Any]:
-    """Colour and line style of the i-th solver."""
+    """Return colour and line style of the i-th solver."""
     return {"color": COLOURS[i % len(COLOURS)], "linestyle": STYLES[i % len(STYLES)], "linewidth": 1.7}
 
 
 def new_figure(width: float, height: float, dpi: float | None = None) -> Figure:
-    """Make an empty figure of so many inches, without pyplot, which would keep it."""
+    """Make an empty figure of that width and height in inches, without pyplot, which would keep it in memory."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # half a second, which who draws nothing does without
     from matplotlib.figure import Figure
 
@@ -39,7 +39,7 @@ def new_figure(width: float, height: float, dpi: float | None = None) -> Figure:
 
 
 def finish(axes: Axes, title: str, **settings: Any) -> None:
-    """Title, settings, grid, and numbers instead of powers on log axes."""
+    """Set title, settings and grid, and write numbers instead of powers on log axes."""
     axes.set_title(title, fontsize=10, loc="left")
     axes.set(**settings)
     axes.grid(which="major", alpha=0.35, linewidth=0.6)
@@ -55,7 +55,7 @@ def finish(axes: Axes, title: str, **settings: Any) -> None:
 
 
 def bound_style(bound: Bound, name: str = "Cramér-Rao bound") -> dict[str, Any]:
-    """Solid where it holds, dashed where it is a reference only."""
+    """Return the line style of a bound: solid, or dashed if it is only a reference."""
     line = {"color": "black", "linewidth": 1.1, "zorder": 3}
     if bound.holds:
         return {"label": name, "linestyle": "-", **line}
@@ -67,7 +67,7 @@ def _say_unscored(axes: Axes) -> None:
 
 
 def few_labels(axis: Any) -> Callable[[float, Any], str]:
-    """Less than a decade and a half of a log axis needs labels between the decades."""
+    """Return a formatter of minor ticks, which labels 2 and 5 if a log axis is shorter than a decade and a half."""
 
     def label(value: float, _: Any) -> str:
         low, high = sorted(axis.get_view_interval())
@@ -87,5 +87,5 @@ def _coarse(axes: Axes, coarse_s: float) -> None:
 
 
 def titled(title: str) -> Table:
-    """An empty table in the style of all verbs."""
+    """Return an empty table in the style of all verbs of the command line."""
     return Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)

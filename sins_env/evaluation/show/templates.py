@@ -1,4 +1,4 @@
-"""Pages from templates beside this module. Jinja2 comes with the extra "report"."""
+"""Templates of the HTML report and of the reproduction paper. Jinja2 comes with the extra "report"."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ from typing import Any
 
 
 def check_jinja2() -> None:
-    """Raises ValueError if the template engine is missing."""
+    """Check that the template engine is installed.
+
+    Raises:
+        ValueError: jinja2 is not installed.
+    """
     _jinja2()
 
 
@@ -21,7 +25,7 @@ def _jinja2() -> Any:
 
 
 def template(name: str) -> Any:
-    """A template by its path from this directory; what it does not know is an error, and HTML is escaped.
+    """Return the template at a path below ``sins_env/evaluation``. An unknown name in it is an error; HTML is escaped.
 
     Raises:
         ValueError: jinja2 is not installed.

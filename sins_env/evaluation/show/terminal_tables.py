@@ -1,4 +1,4 @@
-"""The ranked table in the terminal: as much of it as the width holds, and a line that says what was left out."""
+"""The ranked table in the terminal: as many columns as fit the width, and a line that lists those left out."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from sins_env.evaluation.show.columns import TERMINAL, Column, sign, table_colum
 from sins_env.evaluation.show.footer import footer
 from sins_env.evaluation.tasks.task import EvaluationTask
 
-MOST_NAME, MOST_SETTING = 60, 24  #: characters of a line below "solver", and of a setting
+MOST_NAME, MOST_SETTING = 60, 24  #: most characters of a line below "solver", and of a setting
 _INTERVALS = "intervals of "
 _STYLES = {"good": "green", "fair": "yellow", "bad": "red", "none": "dim"}
 _SHORT = {"horizontal": "hor.", "vertical": "vert.", "heading at the end": "heading"}
 
 
 def print_tables(results: Sequence[Results], console: Console) -> None:
-    """A table per task, as wide as the terminal."""
+    """Print a table per task, as wide as the terminal."""
     for group in by_task(results).values():
         console.print(table(group, console.width))
 
 
 def table(results: Sequence[Results], width: int = 100) -> RenderableType:
-    """One task's solvers for a terminal of ``width`` columns: a value, and its 95 % interval on the line below.
+    """Return the table of one task's solvers for a terminal of ``width`` characters.
 
-    Numbers and words are never broken. Where room is short, solvers fold at '.' and ':', then columns are left out,
-    and the lines below the table say which.
+    A cell has a value, and its 95 % interval on the line below. Numbers and words are never broken. If room is short,
+    names of solvers fold at '.' and ':'. Then columns are left out, and the lines below the table list them.
     """
     task, lines = results[0].task, ranked(results)
     columns = table_columns(results, TERMINAL)
@@ -61,7 +61,7 @@ def table(results: Sequence[Results], width: int = 100) -> RenderableType:
 
 
 def dropping(columns: Sequence[Column], task: EvaluationTask) -> list[str]:
-    """What a narrow terminal does without, in this order, until the table fits: intervals, then parts of the table."""
+    """Return the parts to leave out one after the other until the table fits: first intervals, then columns."""
     intervals = [_INTERVALS + column.intervals for column in columns if column.intervals and not column.main(task)]
     parts = [column.part for column in sorted(columns, key=lambda column: column.drop) if not column.stays(task)]
     return list(dict.fromkeys(intervals + parts))
@@ -72,7 +72,7 @@ def _has_interval(column: Column, task: EvaluationTask, less: Sequence[str]) -> 
 
 
 def _heading(column: Column) -> str:
-    """Title and unit on two lines, broken where the column is narrowest."""
+    """Return title and unit on two lines, broken such that the column is narrowest."""
     title = column.title.replace(",", "")
     for long, short in _SHORT.items():
         title = title.replace(long, short)
@@ -82,7 +82,7 @@ def _heading(column: Column) -> str:
 
 
 def _text(cell: Cell, interval: bool) -> Text:
-    """What a cell says: colours tell good from bad; a warning is spelt out where it is grave."""
+    """Return the text of a cell, with colours for good and bad; only a grave warning is spelt out."""
     text = Text.assemble((cell.value.replace(", ", "\n"), _STYLES.get(cell.mark, "")))
     if cell.below and interval:
         text.append("\n" + cell.below, style="dim")
@@ -94,7 +94,13 @@ def _text(cell: Cell, interval: bool) -> Text:
 def _table(
     lines: Sequence[tuple[int, Results]], columns: Sequence[tuple[str, list[Text]]], width: int
 ) -> tuple[Table, int]:
-    """The table, and how wide the names of the solvers may be in it; of each column its heading and its cells."""
+    """Return the table, and the width that it leaves for the names of solvers.
+
+    Args:
+        lines: ranks and results.
+        columns: heading and cells of each column.
+        width: width of the terminal in characters.
+    """
     cells = list(zip(*(found for _, found in columns), strict=True))
 
     def build(rows: Sequence[Sequence[Text]]) -> Table:
@@ -120,7 +126,7 @@ def _table(
 
 
 def _together(rows: Sequence[Sequence[Text]]) -> list[Text]:
-    """One cell for each column, with the lines of all its rows: many times faster than a cell for each."""
+    """Return one cell per column with the lines of all rows, which is many times faster than a cell per row."""
     heights = [max(str(cell).count("\n") for cell in row) for row in rows]
     padded = (
         [_padded(cell, height) for cell, height in zip(column, heights, strict=True)]
@@ -147,7 +153,7 @@ def _wins(rank: int, one: Results) -> bool:
 
 
 def label(one: Results, rank: int, room: int) -> Text:
-    """Name, module and settings, folded at '.' and ':' to lines of ``room`` characters."""
+    """Return name, module and settings of a solver, folded at '.' and ':' to lines of ``room`` characters."""
     module, _, name = one.solver.rpartition(":")
     text = Text("\n".join(_folded(name, room)), style="bold" if _wins(rank, one) else "")
     for part in ([module] if module else []) + _settings(one):
@@ -156,13 +162,13 @@ def label(one: Results, rank: int, room: int) -> Text:
 
 
 def _settings(one: Results) -> list[str]:
-    """A line each; a long value is cut."""
+    """Return a line per setting; a long one is cut."""
     lines = [f"{name}={value}" for name, value in sorted(one.settings.items())]
     return [line if len(line) <= MOST_SETTING else line[: MOST_SETTING - 1] + "…" for line in lines]
 
 
 def _pieces(text: str) -> list[str]:
-    """What may not be broken: parts between '.' and ':', each with its mark; a setting stays whole."""
+    """Return the pieces that may not be broken: parts that end with '.' or ':'; a setting stays whole."""
     return [text] if "=" in text else re.findall(r"[^.:]*[.:]+|[^.:]+", text)
 
 
@@ -176,7 +182,7 @@ def _folded(text: str, room: int) -> list[str]:
 
 
 def longest_piece(one: Results, fold: bool = True) -> int:
-    """Characters of the longest line below "solver", as narrow as it can be folded (or as wide as allowed)."""
+    """Return the length of the longest line below "solver", folded as narrow as possible (or as wide as allowed)."""
     module, _, name = one.solver.rpartition(":")
     parts = [name, *([module] if module else []), *_settings(one), "solver"]
     return max(len(line) for part in parts for line in (_pieces(part) if fold else _folded(part, MOST_NAME)))

@@ -1,6 +1,7 @@
-"""The results file, an SQLite database: one row a run, complete or absent, found again by its key.
+"""The results file, an SQLite database with one row per run, which is complete or absent and is found by its key.
 
-Read ``key``, ``rows``, ``schema``, ``database``, ``store``, ``filling``, then ``export`` and ``verify``.
+The records of ``play`` come in, a chunk at a time; the results of ``score`` go out, as if they had just been played.
+Read ``key``, ``schema``, ``rows``, ``database``, ``store``, ``filling``, then ``export`` and ``verify``.
 """
 
 from sins_env import moved

@@ -1,4 +1,4 @@
-"""Opening a results file: SQLite with a write-ahead log, its schema and migrations, and errors in one line."""
+"""Access to a results file: SQLite with a write-ahead log, migration of its schema, and errors in one line."""
 
 from __future__ import annotations
 
@@ -12,16 +12,20 @@ from typing import Self
 
 from sins_env.evaluation.store.schema import MIGRATIONS, REINDEX, SCHEMA, SCHEMA_VERSION
 
-APPLICATION_ID = 0x53494E53  #: "SINS"
-BUSY_S = 30.0
+APPLICATION_ID = 0x53494E53  #: mark of our files in the SQLite header, "SINS"
+BUSY_S = 30.0  #: longest wait for another program that has locked the file, s
 
 
 class StoreError(ValueError):
-    """The results file cannot be read or written; the message says which file and why."""
+    """Error for a results file that cannot be read or written; the message has the file and the reason."""
 
 
 class Database:
-    """An open results file; a context manager. ``read_only`` never creates or changes it."""
+    """An open results file, which is a context manager. With ``read_only`` it never creates or changes the file.
+
+    Raises:
+        StoreError: no such file, not a results file, a newer schema, or no access.
+    """
 
     def __init__(self, path: str | Path, read_only: bool = False) -> None:
         self.path = Path(path)
@@ -36,7 +40,7 @@ class Database:
                 raise
 
     def _check(self, read_only: bool) -> None:
-        """Schema of an existing file; a new one is created in one transaction."""
+        """Check and migrate the schema of an existing file; create that of a new one in one transaction."""
         db = self._db
         (version,) = db.execute("PRAGMA user_version").fetchone()
         (application,) = db.execute("PRAGMA application_id").fetchone()
@@ -63,7 +67,7 @@ class Database:
             _migrate(db)
 
     def _read_a_migrated_copy(self) -> None:
-        """A file that only is to be read stays as it is; its copy in memory gets the present schema."""
+        """Copy an older file into memory and migrate the copy, for a file opened to be read stays as it is."""
         copy = _connect(":memory:")
         self._db.backup(copy)
         self._db.close()
@@ -77,6 +81,7 @@ class Database:
         self.close()
 
     def close(self) -> None:
+        """Close the file."""
         self._db.close()
 
     @contextmanager
@@ -106,7 +111,7 @@ class Database:
 
 
 def _migrate(db: sqlite3.Connection) -> None:
-    """Bring the tables to the present schema, step by step."""
+    """Migrate the tables to the present schema, step by step."""
     (found,) = db.execute("PRAGMA user_version").fetchone()
     steps = [MIGRATIONS[version] for version in range(found, SCHEMA_VERSION)]
     for statement in [*itertools.chain.from_iterable(steps), *(REINDEX if steps else ())]:
@@ -115,13 +120,16 @@ def _migrate(db: sqlite3.Connection) -> None:
 
 
 def _connect(target: str | Path) -> sqlite3.Connection:
-    """Transactions are begun explicitly (no isolation level)."""
+    """Connect to a file or an SQLite URI, without an isolation level, so that transactions begin explicitly."""
     return sqlite3.connect(target, timeout=BUSY_S, isolation_level=None, uri=isinstance(target, str))
 
 
 def _open_read_only(path: Path) -> sqlite3.Connection:
-    """For reading. A connection that may write removes the log's files when it closes, so it is preferred;
-    the last resort is for a directory that cannot be written."""
+    """Open a file for reading.
+
+    A connection that may write comes first, because it removes the files of the log when it closes. The last mode is for
+    a directory that cannot be written.
+    """
     uri = path.resolve().as_uri()
     for mode in ("?mode=rw", "?mode=ro", "?immutable=1"):
         db = _connect(uri + mode)

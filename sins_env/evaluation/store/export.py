@@ -1,7 +1,8 @@
-"""All runs of a results file as one table, a line per run: CSV, JSON or Parquet.
+"""Export of the runs of a results file as one table with a line per run: CSV, JSON or Parquet.
 
-Columns say their unit. Times are from the start of fine alignment and inf where censored; JSON has no inf, there it is null as
-what is not known. Error histories stay in the results file (``Store.results(key).records.history``).
+Names of columns end with their unit. Times are from the start of fine alignment, and censored times are inf. JSON has no
+inf, so there they are null, as unknown values are. Error histories stay in the results file
+(``Store.results(key).records.history``).
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from sins_env.evaluation.store.schema import KEY, SCORES, SPANS, TOLD
 from sins_env.evaluation.store.store import Store
 
 FORMATS = ("csv", "json", "parquet")
-_KIND_OF = {"run": "count"}  #: of the columns that are not of a record's fields; the others are words
+_KIND_OF = {"run": "count"}  #: kinds of the columns that no field of the records has; the others are words
 
 
 class _Column(NamedTuple):
-    """A column of the results file, and of an export."""
+    """Column of the results file with its heading in an export."""
 
     name: str
     heading: str
@@ -43,12 +44,12 @@ def _columns(navigates: bool) -> list[_Column]:
 
 
 def headings(navigates: bool) -> list[str]:
-    """Names of the columns, with units; those of navigation follow where any of the tasks navigates."""
+    """Return the headings of the columns, with units; ``navigates`` adds those of navigation."""
     return [column.heading for column in _columns(navigates)]
 
 
 def export(store: Store, keys: Iterable[Key], form: str, path: str | Path) -> int:
-    """Write the runs of these keys; how many.
+    """Write the runs of these keys to a file, and return their number.
 
     Raises:
         ValueError: no such format, or Parquet without pyarrow.
@@ -63,7 +64,7 @@ def export(store: Store, keys: Iterable[Key], form: str, path: str | Path) -> in
 
 
 def check_parquet() -> Any:
-    """pyarrow.
+    """Import and return pyarrow.
 
     Raises:
         ValueError: it is not installed.
@@ -85,7 +86,7 @@ def _csv(columns: Sequence[_Column], rows: Iterator[tuple[Any, ...]], path: Path
 
 
 def _json(columns: Sequence[_Column], rows: Iterator[tuple[Any, ...]], path: Path) -> int:
-    """A list of objects, one per line; settings as an object."""
+    """Write a list of objects, one per line; settings are an object, too."""
     count, heads = 0, [column.heading for column in columns]
     place = heads.index("settings")
     with open(path, "w", encoding="utf-8") as file:

@@ -1,4 +1,4 @@
-"""The key of a stored row: task, solver, settings, seed and code version."""
+"""The key of stored runs: task, suite, solver, settings and code version."""
 
 from __future__ import annotations
 
@@ -11,34 +11,40 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Key:
-    """Which solver on which suite, with which code."""
+    """Key of the runs of one solver, with its settings and code, on one suite of a task."""
 
     task: str
-    suite: str
+    suite: str  #: hash of the suite seed
     solver: str
-    settings: str  #: canonical JSON
-    code: str
+    settings: str  #: settings of the solver as canonical JSON
+    code: str  #: version of the code
 
     @classmethod
     def of(cls, task: str, suite: str, solver: str, settings: Mapping[str, Any], code: str) -> Key:
+        """Make a key from settings as a mapping.
+
+        Raises:
+            ValueError: a setting that JSON does not have.
+        """
         return cls(task, suite, solver, canonical(settings), code)
 
     def among(self, tasks: Sequence[str], solvers: Sequence[str]) -> bool:
-        """Whether it is of one of these tasks and solvers; none named: of any."""
+        """Return whether its task and solver are among these; an empty sequence allows any."""
         return (not tasks or self.task in tasks) and (not solvers or self.solver in solvers)
 
     @property
     def settings_hash(self) -> str:
+        """First 12 hex digits of the SHA-256 of the settings."""
         return hashlib.sha256(self.settings.encode()).hexdigest()[:12]
 
     @property
     def values(self) -> tuple[str, ...]:
-        """In the order of KEY, without the run."""
+        """Values of the columns KEY in their order, without the run."""
         return self.task, self.suite, self.solver, self.settings_hash, self.code
 
 
 def canonical(settings: Mapping[str, Any]) -> str:
-    """Settings as JSON with sorted keys.
+    """Return settings as JSON with sorted keys.
 
     Raises:
         ValueError: a value that JSON does not have.

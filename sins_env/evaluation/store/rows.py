@@ -1,4 +1,4 @@
-"""The schema of the results file, and runs as rows of it."""
+"""Conversion of runs, criteria, definitions and bounds to values of the results file, and back."""
 
 from __future__ import annotations
 
@@ -22,62 +22,68 @@ from sins_env.evaluation.tasks.task import EvaluationTask
 
 
 def criteria_json(criteria: Criteria) -> str:
+    """Return criteria as JSON."""
     return json.dumps({n: v.tolist() if isinstance(v, np.ndarray) else v for n, v in vars(criteria).items()})
 
 
 def criteria_of(text: str) -> Criteria:
+    """Return criteria from their JSON; the inverse of :func:`criteria_json`."""
     given: dict[str, Any] = json.loads(text)
     fields: dict[str, Any] = {n: np.array(v) if isinstance(v, list) else v for n, v in given.items()}
     return Criteria(**fields)
 
 
 def definition_json(task: EvaluationTask) -> str:
+    """Return the definition of a task as JSON."""
     return json.dumps({f.name: getattr(task, f.name) for f in fields(task)} | {"kwargs": dict(task.kwargs)})
 
 
 def definition_of(text: str) -> EvaluationTask:
-    """What the present code does not know of is left out."""
+    """Return the task of a definition; fields that the present code does not have are left out."""
     given: dict[str, Any] = json.loads(text)
     return EvaluationTask(**{f.name: given[f.name] for f in fields(EvaluationTask) if f.name in given})
 
 
 def binding(text: str) -> dict[str, Any]:
-    """The part of a definition that makes a version: all but the words."""
+    """Return the part of a definition that may not change within a version: all fields but the descriptions."""
     return {name: value for name, value in vars(definition_of(text)).items() if name not in ("what", "source")}
 
 
 def bound_json(bound: Bound | None) -> str:
+    """Return a bound as JSON; null if there is none."""
     return json.dumps(bound and {name: value.tolist() for name, value in vars(bound).items()})
 
 
 def bound_of(text: str) -> Bound | None:
+    """Return a bound from its JSON; the inverse of :func:`bound_json`."""
     given = json.loads(text)
     return given and Bound(**{name: np.array(value) for name, value in given.items()})
 
 
 def to_row(key: Key, session: int, run: Mapping[str, Any]) -> tuple[Any, ...]:
-    """The fields of :meth:`Records.row` in the order of COLUMNS."""
+    """Return the values of COLUMNS for a run, as :meth:`Records.row` gives it."""
     told = [int(run[one.name]) if one.kind == "count" else str(run[one.name]) for one in TOLD]
     return (*key.values, int(run["run"]), key.settings, session, *told, *_numbers(SCORES, run))
 
 
 def to_span(row: int, run: Mapping[str, Any]) -> tuple[Any, ...]:
-    """The row's id, then SPAN_COLUMNS of a run of a navigation task."""
+    """Return the id of the row and the values of SPAN_COLUMNS for a run of a navigation task."""
     return (row, *_numbers(SPANS, run))
 
 
 def _numbers(fields: Sequence[Field], run: Mapping[str, Any]) -> list[float | None]:
-    """Every part of these fields; None is not known."""
+    """Return every part of these fields; None for NaN."""
     values = (value for one in fields for value in np.atleast_1d(run[one.name]).tolist())
     return [None if math.isnan(value) else value for value in values]
 
 
 def to_blob(history: Any) -> bytes:
+    """Return a history as compressed little-endian float32."""
     return zlib.compress(np.ascontiguousarray(history, dtype="<f4").tobytes())
 
 
 def scores_of(whole: bool) -> list[Field]:
-    """The scores that are read after the run: all, or those that tables show."""
+    """Return the fields of SCORES to read: all, or only those that tables show."""
     return [one for one in SCORES if whole or one.in_tables]
 
 
@@ -88,13 +94,14 @@ def to_records(
     criteria: Criteria,
     blobs: Sequence[bytes] | None,
 ) -> Records:
-    """The inverse of :func:`to_row`, :func:`to_span` and :func:`to_blob`.
+    """Return the records of stored runs; the inverse of :func:`to_row`, :func:`to_span` and :func:`to_blob`.
 
     Args:
-        run: the numbers of the runs.
-        odd: TOLD by run, of those in TROUBLE.
+        run: numbers of the runs.
+        odd: values of TOLD by run, for the runs in TROUBLE.
         numbers: fields by name, as :func:`parted` gives them; scores that were not read are NaN.
-        blobs: histories; without them they have length 0.
+        criteria: criteria of the task.
+        blobs: histories; None gives histories of length 0.
 
     Raises:
         ValueError, zlib.error: a damaged row.
@@ -114,7 +121,7 @@ def to_records(
 
 
 def parted(values: Array, fields: Sequence[Field]) -> dict[str, Array]:
-    """Columns (R, c) as fields: (R, parts), or (R,)."""
+    """Return columns (R, c) as fields by name: (R, parts) each, or (R,) for a field without parts."""
     ends = np.cumsum([one.width for one in fields])
     return {
         one.name: np.ascontiguousarray(values[:, end - one.width : end]) if one.parts else values[:, end - 1]

@@ -1,7 +1,7 @@
-"""Tables and columns of the results file, and the steps that bring an older file up to date.
+"""Tables and columns of the results file, and the steps that migrate an older file.
 
-What is kept of a run follows from the fields of :class:`Records`. A field that says ``since=n`` makes ``n`` the present schema;
-older files get its columns when they are opened, empty for the runs that they hold.
+The columns follow from the fields of :class:`Records`. A field with ``since=n`` raises the schema to ``n``. Older files get
+its columns when they are opened; the runs that they hold have its usual value there, or none.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from sins_env.evaluation.play.records import FIELDS
 SCHEMA_VERSION = max(4, *(one.since for one in FIELDS.values()))
 KEY = ("task", "suite", "solver", "settings_hash", "code", "run")
 
-#: Words and counts: of most runs there is nothing to tell.
+#: Words and counts of a run, which have their usual values in most runs.
 TOLD = [one for one in FIELDS.values() if one.kind in ("word", "text", "count") and one.name != "run"]
-#: Numbers of every run, and those of navigation tasks besides, which have a table of their own.
+#: Numbers of every run, and further numbers of navigation tasks, which have a table of their own.
 SCORES = [one for one in FIELDS.values() if one.kind == "number" and not one.navigates]
 SPANS = [one for one in FIELDS.values() if one.kind == "number" and one.navigates]
 
@@ -25,14 +25,14 @@ _TYPES = {"number": "REAL", "count": "INTEGER", "word": "TEXT", "text": "TEXT"}
 
 
 def columns_of(fields: Iterable[Field]) -> list[str]:
-    """Names of the columns of these fields."""
+    """Return the names of the columns of these fields."""
     return [name for one in fields for name in one.columns]
 
 
 COLUMNS = [*KEY, "settings", "session", *columns_of([*TOLD, *SCORES])]
 SPAN_COLUMNS = columns_of(SPANS)
 
-#: Rows that have more to tell than scores. A traceback comes with a reason.
+#: SQL condition of rows with an unusual word or count. A traceback never comes without a reason.
 TROUBLE = " OR ".join(f"{one.name} <> {one.usual!r}" for one in TOLD if one.name != "traceback")
 
 
@@ -41,13 +41,13 @@ def _until(version: int, fields: Iterable[Field]) -> list[Field]:
 
 
 def _typed(one: Field) -> list[str]:
-    """Columns with their types; what was told later has the usual value in the rows that were there before."""
+    """Return the columns of a field with their types; one that was added later has its usual value in older rows."""
     default = f" DEFAULT {one.usual!r}" if one.since > 1 and one.usual is not None else ""
     return [f"{name} {_TYPES[one.kind]}{default}" for name in one.columns]
 
 
 def _listed(fields: Iterable[Field], version: int) -> str:
-    """The columns that a version of the schema has of these fields."""
+    """Return the columns of these fields in a version of the schema."""
     return ", ".join(itertools.chain.from_iterable(_typed(one) for one in _until(version, fields)))
 
 
@@ -59,16 +59,17 @@ def _runs(version: int) -> str:
 
 
 def _spans(version: int) -> str:
-    """Numbers of runs of navigation tasks: rad, m/s, m."""
+    """Return the statement of the table with numbers of navigation runs, in rad, m/s and m."""
     return f"""CREATE TABLE spans (id INTEGER PRIMARY KEY REFERENCES runs (id),
     {_listed(SPANS, version)})"""
 
 
-#: Apart from the scores, so that a table reads those alone.
+#: Table of histories, apart from the scores, so that a table of scores does not read them.
 _HISTORIES = "CREATE TABLE histories (id INTEGER PRIMARY KEY REFERENCES runs (id), history BLOB)"
 _TROUBLES = f"CREATE INDEX troubles ON runs ({', '.join(KEY)}) WHERE {TROUBLE}"
 
-#: rad, and s from the start of fine alignment; t_conv is Inf where censored; NULL is not known.
+#: Statements that make a new file. Units are rad, and s from the start of fine alignment. A censored t_conv is Inf, and an
+#: unknown value is NULL.
 SCHEMA = (
     """CREATE TABLE sessions (
         id INTEGER PRIMARY KEY, started TEXT DEFAULT CURRENT_TIMESTAMP, versions TEXT, machine TEXT)""",
@@ -84,7 +85,7 @@ SCHEMA = (
 
 
 def _added(version: int) -> tuple[str, ...]:
-    """The step to a version: a column for each field that is new in it."""
+    """Return the statements that migrate to a version: they add a column for each of its new fields."""
     added = [(table, one) for table, some in (("runs", [*TOLD, *SCORES]), ("spans", SPANS)) for one in some]
     return tuple(
         f"ALTER TABLE {table} ADD COLUMN {column}"
@@ -95,7 +96,7 @@ def _added(version: int) -> tuple[str, ...]:
 
 
 def _rebuilt() -> tuple[str, ...]:
-    """The step to the third schema: histories in a table of their own, definitions of tasks."""
+    """Return the statements that migrate to the third schema, with a table of histories and definitions of tasks."""
     both = ", ".join([*KEY, "settings", "session", *columns_of(_until(2, [*TOLD, *SCORES]))])
     return (
         "ALTER TABLE runs RENAME TO old_runs",
@@ -108,7 +109,7 @@ def _rebuilt() -> tuple[str, ...]:
     )
 
 
-#: From each older schema to the next. The index follows at the end, for it is of the columns of the present one.
+#: Statements that migrate each older schema to the next. The index follows at the end, because it uses present columns.
 MIGRATIONS = {version: _added(version + 1) for version in range(1, SCHEMA_VERSION)}
 MIGRATIONS |= {2: _rebuilt(), 3: (_spans(4),)}
 REINDEX = ("DROP INDEX IF EXISTS troubles", _TROUBLES)

@@ -1,8 +1,8 @@
 """The results file: SQLite with a write-ahead log, one row per run. docs/tasks_and_scores.md#results-file.
 
-A run is identified by task (its version is in the name), suite-seed hash, solver, settings hash, code
-version and run number. Rows are written by the parent process, one transaction per chunk, so a killed
-evaluation leaves whole rows only and two evaluations may share a file.
+A run is identified by its task, suite-seed hash, solver, settings hash, code version and run number; the version of the
+task is in its name. Only the parent process writes rows, one transaction per chunk. A killed evaluation therefore leaves
+whole rows, and two evaluations may share a file.
 """
 
 from __future__ import annotations
@@ -54,17 +54,21 @@ _INSERT_SPAN = f"""INSERT OR REPLACE INTO spans (id, {", ".join(SPAN_COLUMNS)})
 
 
 class Session(NamedTuple):
-    """One opening of the file that wrote runs."""
+    """Session that wrote runs: the file was opened once, on one machine, with one set of packages."""
 
     id: int
-    started: str  #: UTC
+    started: str  #: time of its start, UTC
     machine: str
-    versions: dict[str, str]  #: of Python and the packages
-    runs: int  #: of those asked for
+    versions: dict[str, str]  #: versions of Python and the packages
+    runs: int  #: number of the requested runs that it wrote
 
 
 class Store(Database):
-    """The runs of a results file."""
+    """A results file: its runs, tasks, sessions and costs.
+
+    Raises:
+        StoreError: the file cannot be opened, read or written.
+    """
 
     def __init__(self, path: str | Path, read_only: bool = False) -> None:
         self._session: int | None = None
@@ -72,12 +76,12 @@ class Store(Database):
         super().__init__(path, read_only)
 
     def runs_of(self, key: Key) -> set[int]:
-        """The runs that are there already."""
+        """Return the numbers of the runs of a key that the file has."""
         with self._errors():
             return {run for (run,) in self._db.execute(f"SELECT run FROM runs WHERE {_OF_KEY}", key.values)}
 
     def add(self, key: Key, records: Records) -> None:
-        """Write the rows of a chunk, all or none; rows that are there already stay as they are."""
+        """Write the rows of a chunk, all or none; rows that the file has already stay as they are."""
         marks = ", ".join("?" * len(COLUMNS))
         with self._errors(), self._transaction():
             session = self._of_session()
@@ -93,10 +97,10 @@ class Store(Database):
                         self._db.execute(_INSERT_SPAN, to_span(new[0], run))
 
     def add_task(self, task: EvaluationTask) -> None:
-        """Write what a table needs of a task, so that it can be made from the file alone.
+        """Write the definition, digest and bound of a task, so that tables can be made from the file alone.
 
         Raises:
-            ValueError: the file has runs of another task of that name, or of another world.
+            ValueError: the file has runs of another definition of the task, or of another world.
         """
         now, present = definition_json(task), digest(task)
         bound = bound_json(bounds.find(task))
@@ -118,15 +122,15 @@ class Store(Database):
         )
 
     def digest_of(self, task: str) -> str | None:
-        """Of the task's world when its runs were made; None in files that are older than that."""
+        """Return the digest of the task's world when its runs were made; None if an older file does not have it."""
         return self._of_task("digest", task)
 
     def definition_of(self, task: str) -> str | None:
-        """JSON of the task when its runs were made; None in files that are older than that."""
+        """Return the definition of the task when its runs were made, as JSON; None if an older file does not have it."""
         return self._of_task("definition", task)
 
     def navigates(self, task: str) -> bool:
-        """Whether its runs have velocity and position, too."""
+        """Return whether the runs of the task have velocity and position, too."""
         return self._criteria(task).navigates
 
     def _criteria(self, task: str) -> Criteria:
@@ -140,7 +144,7 @@ class Store(Database):
         return found[0] if found else None
 
     def sessions(self, key: Key) -> list[Session]:
-        """Which sessions made the runs of a solver, the earliest first."""
+        """Return the sessions that made the runs of a key, the earliest first."""
         sql = f"""SELECT session, started, machine, versions, count(*) FROM runs
             LEFT JOIN sessions ON sessions.id = session WHERE {_OF_KEY} GROUP BY session ORDER BY session"""
         with self._errors():
@@ -152,7 +156,7 @@ class Store(Database):
             ]
 
     def add_cost(self, key: Key, cost: Cost) -> None:
-        """Write, or replace, what a step of the solver costs."""
+        """Write or replace the cost of a step of the solver."""
         values = (key.task, key.solver, key.settings_hash, key.code)
         with self._errors(), self._transaction():
             row = (*values, self._of_session(), *cost)
@@ -166,7 +170,10 @@ class Store(Database):
         return self._session
 
     def keys(self, tasks: Sequence[str] = (), solvers: Sequence[str] = ()) -> list[Key]:
-        """What the file holds, of each solver the latest code only, in the order of evaluation."""
+        """Return the keys of these tasks and solvers (all by default) in the order of evaluation.
+
+        A solver has only the key of its latest code.
+        """
         sql = f"""WITH groups AS (SELECT max(id) AS last FROM runs GROUP BY {", ".join(KEY[:-1])})
             SELECT task, suite, solver, settings, code FROM groups JOIN runs ON id = last ORDER BY last"""
         with self._errors():
@@ -175,10 +182,10 @@ class Store(Database):
         return [key for key in latest.values() if key.among(tasks, solvers)]
 
     def results(self, key: Key, runs: Container[int] | None = None, whole: bool = True) -> Results:
-        """The runs of a solver (those in ``runs``, or all) as :func:`evaluate` returns them.
+        """Return the results of a key, as :func:`evaluate` does, for the runs in ``runs`` or for all.
 
-        Not ``whole`` is for tables and several times faster: scores that no table shows are NaN, and histories of
-        length 0 but where the task navigates, whose tables need them.
+        Without ``whole`` only the fields for tables are read, which is several times faster. Scores that no table shows
+        are then NaN. Histories have length 0, unless the task navigates, because its tables need them.
         """
         criteria = self._criteria(key.task)
         scores = scores_of(whole)
@@ -200,7 +207,7 @@ class Store(Database):
     def _read(
         self, tables: str, columns: Sequence[str], key: Key, runs: Container[int] | None
     ) -> list[tuple[Any, ...]]:
-        """The run and these columns, of the runs of a key (those in ``runs``, or all)."""
+        """Return the number and these columns of the runs of a key, for the runs in ``runs`` or for all."""
         sql = f"SELECT run, {', '.join(columns)} FROM {tables} WHERE {_OF_KEY} ORDER BY run"
         found = self._db.execute(sql, key.values).fetchall()
         return found if runs is None else [row for row in found if row[0] in runs]
@@ -213,13 +220,16 @@ class Store(Database):
         return Cost(*found) if found else None
 
     def rows(self, key: Key, columns: Sequence[str]) -> Iterator[tuple[Any, ...]]:
-        """These columns of every run, in their order, those of SPAN_COLUMNS, too; None is not known."""
+        """Yield these columns of every run of a key, ordered by run; an unknown value is None.
+
+        The columns may be among SPAN_COLUMNS, too.
+        """
         sql = f"SELECT {', '.join(columns)} FROM {_WITH_SPANS} WHERE {_OF_KEY} ORDER BY run"
         with self._errors():
             yield from self._db.execute(sql, key.values)
 
     def _task(self, name: str) -> tuple[EvaluationTask, Bound | Literal["ask"] | None]:
-        """The task under which the runs were made, and its bound; the present ones where an older file has neither."""
+        """Return the task under which the runs were made, and its bound; the present ones if an older file has neither."""
         if name not in self._tasks:
             with self._errors():
                 sql = "SELECT definition, bound FROM tasks WHERE task = ?"
@@ -231,7 +241,7 @@ class Store(Database):
 
 
 def _array(rows: Sequence[tuple[Any, ...]], columns: Sequence[str]) -> Array:
-    """(R, 1 + columns); NULL becomes NaN."""
+    """Return rows as an array (R, 1 + columns); NULL becomes NaN."""
     return np.array(rows, dtype=float).reshape(len(rows), 1 + len(columns))
 
 

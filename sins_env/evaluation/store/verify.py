@@ -1,7 +1,7 @@
-"""Whether stored scores can be made again: random rows are run once more and compared.
+"""Verification of stored scores: random rows are run once more and compared.
 
-Rows are verifiable where task, solver and code are the present ones and the seed of their suite is given. A changed world
-(digest) or definition of a task is a difference, too.
+A row can be verified if its task, solver and code are the present ones and the seed of its suite is given. A task whose
+world (digest) or definition has changed is a difference, too.
 """
 
 from __future__ import annotations
@@ -28,17 +28,20 @@ from sins_env.evaluation.tasks.catalogue import TASKS
 from sins_env.evaluation.tasks.fingerprint import digest
 from sins_env.evaluation.tasks.task import suite_hash
 
-TOLERANCE = 1e-9  #: relative; of a navigation task, where batches round otherwise, to the spread of the start at least
-NEES_SIZE = 1e4  #: there it is an error so rounded over a standard deviation that is so many times smaller
+#: Relative tolerance of a score. In navigation, where batches of other sizes round differently, it is relative to the
+#: standard deviation at the start if that is more.
+TOLERANCE = 1e-9
+#: Factor of the tolerance of a NEES in navigation, whose standard deviations are that much smaller than those at the start.
+NEES_SIZE = 1e4
 
 
 @dataclass(frozen=True)
 class Verified:
-    """What came of it."""
+    """Result of a verification."""
 
-    runs: int  #: run again
-    differences: tuple[str, ...]  #: a line for each run, or task, that is not what is stored
-    left_out: dict[str, int] = field(default_factory=dict)  #: rows that cannot be verified, by reason
+    runs: int  #: number of runs that were run again
+    differences: tuple[str, ...]  #: a line for each run, or task, that differs from what is stored
+    left_out: dict[str, int] = field(default_factory=dict)  #: number of rows that cannot be verified, by reason
 
 
 def verify(
@@ -51,12 +54,16 @@ def verify(
     where: Runner | None = None,
     progress: monte_carlo.Report | None = None,
 ) -> Verified:
-    """Run so many rows again.
+    """Run up to ``rows`` random rows of these keys again, and compare them with the stored ones.
 
     Args:
-        seed: of a hidden suite; None: the tasks' own.
-        draw: seed of the choice of rows; None: another choice every time.
+        store: results file.
+        keys: keys of the runs to choose from.
+        rows: number of rows to run.
+        seed: seed of a hidden suite; None takes that of each task.
+        draw: seed of the choice of rows; None makes another choice every time.
         where: worker processes, or None for this process.
+        progress: function called with the number of runs that are done and with their total.
     """
     left_out: dict[str, int] = {}
     changed: dict[str, str] = {}
@@ -95,7 +102,7 @@ def verify(
 
 
 def _obstacle(key: Key, seed: int | None) -> str:
-    """Why these rows cannot be run again; empty where they can."""
+    """Return why these rows cannot be run again; empty if they can."""
     if key.task not in TASKS:
         return f"{key.task} is no task of this version"
     try:
@@ -110,7 +117,7 @@ def _obstacle(key: Key, seed: int | None) -> str:
 
 
 def _change(store: Store, name: str) -> str:
-    """How a task differs from that under which the runs were made; empty where it does not."""
+    """Return how a task differs from the one under which its runs were made; empty if it does not."""
     before, now = store.digest_of(name), digest(TASKS[name])
     if before not in (None, now):
         return f"{name}: its world has changed, digest {before} stored, {now} now"
@@ -121,7 +128,13 @@ def _change(store: Store, name: str) -> str:
 
 
 def compare_runs(stored: Records, now: Records) -> list[str]:
-    """A line for each run that differs: its first score that does. Timing, texts and histories are left out."""
+    """Return a line for each run that differs, with the first score that does.
+
+    Timing, texts and histories are not compared.
+
+    Raises:
+        ValueError: different runs, or another order.
+    """
     out = []
     for i, run in enumerate(stored.run):
         if run != now.run[i]:
@@ -149,7 +162,7 @@ def _difference(stored: dict[str, Any], now: dict[str, Any], criteria: Criteria)
 
 
 def _sizes(one: Field, before: Array, stored: dict[str, Any], criteria: Criteria) -> Array:
-    """What the rounding of each part is held against, if that is more than the part itself."""
+    """Return the size of each part to which the tolerance is relative, if it is more than the part itself."""
     if one.components:
         start = _start(criteria)
         size = start.copy()  # of errors that nearly cancel, as a mean may, it is that of the terms
@@ -160,7 +173,7 @@ def _sizes(one: Field, before: Array, stored: dict[str, Any], criteria: Criteria
 
 
 def _start(criteria: Criteria) -> Array:
-    """Standard deviations of COMPONENTS at the start of a navigation task, from where its errors come down; 0 in alignment."""
+    """Return the standard deviations of COMPONENTS at the start of a navigation task; 0 in alignment."""
     if not criteria.navigates:
         return np.zeros(len(COMPONENTS))
     sigma = criteria.limit / DIVERGED_SIGMAS
