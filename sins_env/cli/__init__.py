@@ -1,4 +1,5 @@
-"""The command line ``sins-env``: words become settings, a verb runs, and tables, figures and an exit code come out.
+"""The command line ``sins-env``.
 
-Read ``grammar``, ``arguments``, ``main``, ``output``, then the verbs by subject.
+The words of a command come in; a verb runs, and tables, figures and an exit code go out. Read ``main``, ``grammar``,
+``arguments``, ``output``, then the functions of the verbs in ``verbs`` and ``describe``.
 """

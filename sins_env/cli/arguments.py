@@ -1,4 +1,4 @@
-"""Conversion of command-line words into values, with one clear error for each that does not fit."""
+"""Conversion of command-line words to values, with one clear error for a word that does not fit."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ SEEDS = "allowed: a whole number that is not negative"
 
 
 class WrongUse(Exception):
-    """Wrong use, in one line."""
+    """Error of a command that is used wrongly, in one line."""
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are :class:`WrongUse`, each with the help of the verb that was typed."""
+    """Parser whose errors are :class:`WrongUse` and point to the help of the verb that was typed."""
 
     verbs: Mapping[str, argparse.ArgumentParser] = MappingProxyType({})
 
     def error(self, message: str) -> NoReturn:
+        """Raise :class:`WrongUse` instead of ending the process."""
         raise WrongUse(f"{message} (see {self.prog} --help)")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
-        """Refuse what is not known here, in the verb's parser; argparse would leave it to the parser of all verbs."""
+        """Refuse unknown options in the parser of the verb; argparse would leave them to the parser of all verbs."""
         known, unknown = super().parse_known_args(args, namespace)
         if unknown:
             options = [name for action in self._actions for name in action.option_strings]
@@ -39,6 +40,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def setting(text: str) -> tuple[str, Any]:
+    """Return the name and the value of NAME=VALUE; a value that is not JSON is text."""
     name, equals, value = text.partition("=")
     if not (name and equals):
         raise argparse.ArgumentTypeError(f"{text!r}; allowed: NAME=VALUE")
@@ -49,19 +51,24 @@ def setting(text: str) -> tuple[str, Any]:
 
 
 def count(text: str) -> int:
+    """Return a whole number of at least 1."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r}; allowed: a whole number, at least 1")
     return int(text)
 
 
 def number(text: str) -> int:
+    """Return a whole number that is not negative."""
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text!r}; allowed: a whole number that is not negative")
     return int(text)
 
 
 def seed(text: str) -> int:
-    """'-' is read from standard input, so that a secret is in no shell history; errors do not repeat it."""
+    """Return a seed; '-' reads it from standard input, which keeps a secret out of the shell history.
+
+    Errors do not repeat the text.
+    """
     if text == "-":
         text = (getpass.getpass("suite seed: ") if sys.stdin.isatty() else sys.stdin.readline()).strip()
     if not text.isdecimal():
@@ -70,6 +77,7 @@ def seed(text: str) -> int:
 
 
 def positive(text: str) -> float:
+    """Return a positive, finite number."""
     try:
         value = float(text)
     except ValueError:
@@ -80,4 +88,5 @@ def positive(text: str) -> float:
 
 
 def several(parser: argparse.ArgumentParser, *flags: str, **settings: Any) -> None:
+    """Add an option that takes one or more names and may be repeated."""
     parser.add_argument(*flags, nargs="+", action="extend", default=[], metavar="NAME", **settings)

@@ -1,6 +1,6 @@
-"""The verbs of the command line, their options and their exit codes.
+"""Verbs of the command line, with their options and exit codes.
 
-Each verb names its function as ``module:name``, so that only what the verb needs is imported.
+Each verb names its function as ``module:name``, so that only the modules of that verb are imported.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ _TABLES = (
 )
 _LIST = "Without KIND, what there is by name on one screen."
 
-#: Adds a verb: its name, its function, what it does in a few words, and what stands below its options.
+#: Function that adds a verb. It takes the name, the function as ``module:name``, the help text, and a text below the options.
 Verb = Callable[..., argparse.ArgumentParser]
 
 
 def parser() -> Parser:
-    """The whole grammar; each verb's function, as ``module:name`` of this folder, is its default ``go``."""
+    """Return the parser of all verbs. The default ``go`` of a verb is its function, as ``module:name`` of this folder."""
     about = "Which filter aligns a strapdown inertial system fastest?"
     top = Parser(prog="sins-env", description=about, epilog=CODES)
     top.add_argument("--version", action="version", version=f"%(prog)s {VERSION}")
@@ -69,7 +69,7 @@ def parser() -> Parser:
 
 
 def _look(verb: Verb) -> None:
-    """Verbs that say what there is."""
+    """Add the verbs that list and describe environments, tasks, solvers and files."""
     sub = verb(
         "list", "describe.listing:list_kinds", "names: all of them, or those of one kind with what they are", _LIST
     )
@@ -83,7 +83,7 @@ def _look(verb: Verb) -> None:
 
 
 def _play(verb: Verb) -> None:
-    """Verbs that run solvers on tasks."""
+    """Add the verbs that run solvers on tasks."""
     sub = verb("run", "verbs.run:run", "one episode, with its final errors and a figure", _RUN_CODES)
     sub.add_argument("task", metavar="TASK", help=_TASK)
     sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
@@ -106,7 +106,7 @@ def _play(verb: Verb) -> None:
 
 
 def _read_results(verb: Verb) -> None:
-    """Verbs that read a results file."""
+    """Add the verbs that read a results file."""
     sub = verb("board", "verbs.stored:board", "the ranked table of a results file")
     _add_choice(sub)
     form = sub.add_mutually_exclusive_group()
@@ -145,7 +145,7 @@ def _read_results(verb: Verb) -> None:
 
 
 def _publish(verb: Verb) -> None:
-    """Verbs for what is published: tables again, and suites that stay secret for a time."""
+    """Add the verbs for publications: reproduced tables, and the hash of a suite that stays secret for a time."""
     sub = verb("reproduce", "verbs.reproduce:reproduce", "published tables as Monte Carlo runs", _TABLES)
     text = "their numbers, as sins-env list tables shows them (default: all)"
     sub.add_argument("table", nargs="*", metavar="TABLE", help=text)
@@ -159,7 +159,7 @@ def _publish(verb: Verb) -> None:
 
 
 def _hold_against(verb: Verb) -> None:
-    """Verbs that hold a solver against the contract, a recording or the clock, and recordings against other formats."""
+    """Add the verbs for solvers and recordings of one's own: contract, replay, conversion and speed."""
     sub = verb("check", "verbs.check:check", "hold an estimator against the contract", _CONTRACT)
     sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
     _add_settings(sub)
@@ -207,7 +207,7 @@ def _add_settings(sub: argparse.ArgumentParser) -> None:
 
 
 def _add_suite(sub: argparse.ArgumentParser) -> None:
-    """Options of verbs that play runs of a suite."""
+    """Add the options of verbs that run a suite."""
     sub.add_argument("--seed", type=seed, metavar="N", help=_SEED)
     _add_settings(sub)
     _add_timeout(sub)
@@ -227,7 +227,7 @@ def _add_db(sub: argparse.ArgumentParser) -> None:
 
 
 def _add_choice(sub: argparse.ArgumentParser) -> None:
-    """Options of verbs that read some or all of a results file."""
+    """Add the options of verbs that read all or some results of a file."""
     several(sub, "--task", help="these tasks only")
     several(sub, "--solver", help="these solvers only")
     _add_db(sub)

@@ -1,4 +1,4 @@
-"""``sins-env``: the command line. An error is one line with the nearest valid name; codes in :func:`main`."""
+"""Entry point of ``sins-env``. An error is one line on standard error; :func:`main` lists the exit codes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sins_env.cli.arguments import WrongUse
 from sins_env.cli.grammar import parser
 from sins_env.cli.output import RunFailed
 
-INTERRUPTED = 130
+INTERRUPTED = 130  #: exit code after Ctrl-C
 
 
 class _Console(Console):
@@ -23,7 +23,7 @@ class _Console(Console):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; its exit code: 0, 1 for a failed run, 2 for wrong use, 130 for Ctrl-C."""
+    """Run one command and return its exit code: 0, 1 for a failed run, 2 for wrong use, 130 for Ctrl-C."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         code = _run(arguments)
@@ -63,6 +63,6 @@ def _run(arguments: list[str]) -> int:
 
 
 def _say(message: str, code: int) -> int:
-    """One line on standard error."""
+    """Print a message as one line on standard error, and return the exit code."""
     print(f"sins-env: {' '.join(message.split())}", file=sys.stderr)
     return code

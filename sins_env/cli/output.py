@@ -1,4 +1,4 @@
-"""What the verbs share: a failed run, remarks on standard error, tables, and figures as files."""
+"""Output that the verbs share: the error of a failed run, remarks on standard error, and figures as files."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from typing import Any
 
 
 class RunFailed(Exception):
-    """What was asked for ran and failed, in one line."""
+    """Error of a command that was used rightly but whose run failed, in one line."""
 
 
 def remark(text: str) -> None:
+    """Print a remark on standard error."""
     print(text, file=sys.stderr)
 
 
 def check_plot(path: str | None, option: str = "--plot") -> None:
-    """Refuse a figure that could not be written before the work is done.
+    """Check before the work begins that a figure can be written to ``path``.
 
     Raises:
         ValueError: a format that Matplotlib does not write, or a directory that does not exist.
@@ -35,6 +36,6 @@ def check_plot(path: str | None, option: str = "--plot") -> None:
 
 
 def save_figure(figure: Any, path: str | Path) -> None:
-    """Write a figure (the ending of the file's name is its format) and say so."""
+    """Write a figure in the format of the path's ending, and print a remark."""
     figure.savefig(path, dpi=150)
     remark(f"figure: {path}")

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-RATE_HZ, DURATION_S = 100.0, 3600.0  #: of the simulated sensor at rest
+RATE_HZ, DURATION_S = 100.0, 3600.0  #: sampling rate and duration of the simulated IMU at rest
 _COLORS = ("tab:blue", "tab:orange", "tab:green")
 
 
 def simulate_at_rest(spec: ImuSpec, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Increments of gyros and accelerometers without any input, each (N, 3): errors and nothing else."""
+    """Return increments of gyros (rad) and accelerometers (m/s) without any input, (N, 3) each: their errors alone."""
     imu = Imu(spec, 1.0 / RATE_HZ)
     imu.reset([rng.spawn(6)])
     still = np.zeros((1, 1, round(DURATION_S * RATE_HZ), 3))
@@ -40,10 +40,14 @@ def allan_figure(
     window: tuple[float, float] | None = None,
     datasheet: ImuSpec | None = None,
 ) -> Figure:
-    """Allan deviation of three gyros and three accelerometers, with 1-sigma bands, against the datasheet.
+    """Draw the Allan deviation of three gyros and three accelerometers, with 1-sigma bands, beside the datasheet.
 
-    A spec is simulated for an hour at rest; ``rng`` is then needed. Of a recording ``window`` (start, length)
-    in s is shown, None for all of it; ``datasheet`` is what its sensors should be, if that is known.
+    Args:
+        subject: IMU spec, which is simulated for an hour at rest, or a recording.
+        title: title of the figure.
+        rng: generator of the simulation, needed for a spec.
+        window: start and length in s of the part of a recording to show; None shows all of it.
+        datasheet: spec of the recording's sensors, if it is known.
 
     Raises:
         ValueError: a spec without a generator, or a window outside the recording or over a gap.
@@ -92,7 +96,7 @@ def _cut(recording: Recording, window: tuple[float, float] | None) -> tuple[Arra
 
 
 def _draw(ax: Axes, allan: Allan, budget: Budget | None, scale: float) -> None:
-    """One panel; what is zero has no place on logarithmic axes and is left out."""
+    """Draw one panel; parts that are zero have no place on logarithmic axes and are left out."""
     if not allan.adev.any():
         ax.text(0.5, 0.5, "no errors", transform=ax.transAxes, ha="center")
         return
@@ -112,7 +116,7 @@ def _draw(ax: Axes, allan: Allan, budget: Budget | None, scale: float) -> None:
 
 
 def flight_figure(plan: FlightPlan, title: str) -> Figure:
-    """Ground track, height, speed and attitude over time; dots and lines where segments meet."""
+    """Draw ground track, height, speed and attitude over time, with dots and lines at the borders of segments."""
     t, segment, at, moved = plan.track()
     corners = np.flatnonzero(np.diff(segment)) + 1
     figure = new_figure(11.0, 6.6, dpi=110)

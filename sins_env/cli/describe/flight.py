@@ -1,4 +1,4 @@
-"""``describe`` of a flight: its segments as a table, and drawn."""
+"""The verb ``describe`` for a flight: its segments as a table and as a figure."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ALWAYS = ("vel_std_mps", "pos_std_m", "rate_hz")
 
 
 def describe_flight(name: str, console: Console) -> bool:
-    """A profile by name, or a flight in a file."""
+    """Print a flight profile, given by name, or the flight of a file."""
     profile = flight_profile(name)
     plan = profile.plan
     table = titled(f"{Path(name).name}  {escape(profile.what)}")
@@ -44,7 +44,7 @@ def describe_flight(name: str, console: Console) -> bool:
 
 
 def _given(spec: ImuSpec | GpsSpec) -> str:
-    """The fields that matter."""
+    """Return the fields that differ from their defaults, and those that are always shown."""
     default = type(spec)()
     given = [(f.name, getattr(spec, f.name)) for f in fields(spec)]
     shown = [(name, value) for name, value in given if name in _ALWAYS or value != getattr(default, name)]
@@ -52,5 +52,6 @@ def _given(spec: ImuSpec | GpsSpec) -> str:
 
 
 def draw_flight(name: str, path: str) -> None:
+    """Draw a flight profile, or the flight of a file, and write the figure to ``path``."""
     title = f"{name}: {PROFILES[name].what}" if name in PROFILES else Path(name).name
     save_figure(figures.flight_figure(flight_profile(name).plan, title), path)

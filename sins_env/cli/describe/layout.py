@@ -1,4 +1,4 @@
-"""Tables and sentences as ``list`` and ``describe`` print them."""
+"""Layout of tables and sentences for ``list`` and ``describe``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sins_env.evaluation.show.style import titled
 
 
 def table(title: str, *columns: str) -> Table:
-    """An empty table; without names of columns it has no header. The first column is never cut."""
+    """Return an empty table, which has no header if all names of columns are empty. Its first column is never cut."""
     made = titled(title)
     made.show_header = any(columns)
     for i, name in enumerate(columns):
@@ -19,10 +19,10 @@ def table(title: str, *columns: str) -> Table:
 
 
 def prose(text: str) -> str:
-    """A paragraph of a docstring on one line, without markup."""
+    """Return a paragraph of a docstring on one line, without markup."""
     return re.sub(r"(?::\w+:)?`+~?([^`]*)`+", r"\1", " ".join(text.split()))
 
 
 def summary(text: str | None) -> str:
-    """The first sentence of a docstring, without markup."""
+    """Return the first sentence of a docstring, without markup."""
     return re.split(r"(?<=[.!?])\s+(?=[A-Z])", prose((text or "").split("\n\n")[0]), maxsplit=1)[0]

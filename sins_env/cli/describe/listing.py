@@ -1,4 +1,4 @@
-"""``sins-env list``: what there is, by name on one screen, or one kind of it with what each is."""
+"""The verb ``list``: all names on one screen, or the names of one kind with a description of each."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _task(name: str) -> tuple[str, ...]:
 
 
 def _solver(name: str) -> tuple[str, ...]:
-    """A solver that cannot be loaded must not spoil the list."""
+    """Return the description of a solver, or the error of one that cannot be loaded, which must not end the list."""
     package = finding.provider(name)
     try:
         text = layout.summary(finding.describe(name)[0])
@@ -60,12 +60,12 @@ def _preset(name: str) -> tuple[str, ...]:
 
 
 class Kind(NamedTuple):
-    """What ``list`` can list."""
+    """Kind of things that ``list`` can list."""
 
     names: Callable[[], Iterable[str]]
     columns: tuple[str, ...]
-    cells: Callable[[str], tuple[str, ...]]  #: what stands beside a name
-    cites: bool = True  #: whether it names the source documents
+    cells: Callable[[str], tuple[str, ...]]  #: function from a name to the cells beside it
+    cites: bool = True  #: whether the descriptions cite the source documents
 
 
 KINDS = {
@@ -79,7 +79,7 @@ KINDS = {
 
 
 def list_kinds(given: Namespace, console: Console) -> int:
-    """Print one kind, or the names of all."""
+    """Print one kind, or the names of all kinds, and return the exit code."""
     if given.kind is None:
         console.print(_all_names())
         console.print(HINT, highlight=False)
@@ -92,7 +92,7 @@ def list_kinds(given: Namespace, console: Console) -> int:
 
 
 def _all_names() -> Table:
-    """A row for each kind: how many there are, and their names."""
+    """Return a table with a row per kind: the number of names, and the names."""
     table = Table.grid(padding=(0, 2))
     table.add_column(no_wrap=True, style="bold")
     table.add_column(no_wrap=True, justify="right")
@@ -115,7 +115,7 @@ def _one_kind(kind: str) -> Table:
 
 
 def _add_to_solvers(table: Table, any_installed: bool) -> None:
-    """Say where there are none, and which are not shown."""
+    """Add a row if no solver is installed, and a caption with the solvers that are hidden by others of the same name."""
     if not any_installed:
         table.add_row("-", NO_SOLVERS)
     if hidden := finding.shadowed():

@@ -1,4 +1,4 @@
-"""``sins-env describe``: all that is known of one thing, whatever goes by its name."""
+"""The verb ``describe``: everything about one environment, task, solver, preset, flight or recording."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from sins_env.evaluation.tasks.task import EvaluationTask, suite_hash
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS
 from sins_env.worlds.profiles import PROFILES, is_flight
 
-#: what an estimator is given and gives back; shapes of one run
+#: Fields of an observation, with the shapes of one run, and their meaning.
 OBSERVATION = {
     "t": ("(1,)", "s, end of the epoch"),
     "dtheta": ("(n_sub, 3)", "rad, gyro increments along the body's Right, Forward, Up"),
@@ -42,7 +42,11 @@ NAVIGATION = ("(10,)", "q_nb, v_n m/s East, North, Up, latitude rad, longitude r
 
 
 def describe(given: Namespace, console: Console) -> int:
-    """Whatever goes by that name; a preset that is both IMU and GPS is shown as both."""
+    """Print everything of that name; a preset of both IMU and GPS is shown as both. Return the exit code.
+
+    Raises:
+        ValueError: an unknown name, or a figure that the thing does not have.
+    """
     name, found = given.name, False
     if given.allan:
         _check_allan(name, given.allan)

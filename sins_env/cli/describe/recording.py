@@ -1,4 +1,4 @@
-"""``describe`` of a recording: what it contains."""
+"""The verb ``describe`` for a recording: its contents."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from sins_env.units import DEG_PER_H
 
 
 def is_recording(name: str) -> bool:
+    """Return whether a name is that of a file, or has the ending of a recording."""
     endings = {".json", *(one.ending for one in recordings.FORMATS.values())}
     return Path(name).suffix.lower() in endings or Path(name).is_file()
 
 
 def describe_recording(name: str, console: Console) -> bool:
-    """What a recording contains."""
+    """Print the contents of a recording."""
     with Bar(f"reading {name}"):
         recording = recordings.load(name)
         found = recordings.summarise(recording)
@@ -61,7 +62,7 @@ def _three(values: tuple[float, float, float], unit: float, form: str) -> str:
 
 
 def _gaps(gaps: list[recordings.Gap], one: str, many: str, most: int = 8) -> str:
-    """Every gap with its times, as far as they fit."""
+    """Return the number of missing samples, and the first ``most`` gaps with their times."""
     if not gaps:
         return f"no {one}"
     parts = [f"{gap.samples} from {seconds(gap.start)} to {seconds(gap.end)} s" for gap in gaps]
@@ -98,7 +99,7 @@ def _spans(spans: list[tuple[float, float]], most: int = 8) -> str:
 
 
 def _heading(found: recordings.Summary) -> str:
-    """The guess, how far its halves are apart, and what the reference says."""
+    """Return the estimated first heading, that from either half of its data, and that of the reference."""
     guess = found.guess
     if guess is None:
         return "no 20 s without a gap before it moves"

@@ -1,1 +1,5 @@
-"""The verbs of the command line, a function each; small verbs of one subject share a file."""
+"""Functions of the verbs; small verbs of one subject share a file.
+
+A function takes the parsed options and a console, prints its result, and returns the exit code. Read ``run``,
+``evaluate``, ``stored``, ``recordings``, then ``check``, ``bench``, ``reproduce``.
+"""

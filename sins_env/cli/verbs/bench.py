@@ -1,4 +1,4 @@
-"""``sins-env bench``: speed of the whole chain and of its parts."""
+"""The verb ``bench``: speed of the whole chain and of its parts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,11 @@ from sins_env.evaluation.speed import bench as speed
 
 
 def bench(given: Namespace, console: Console) -> int:
-    """Speed, in CPU time on one thread."""
+    """Print the speed of a solver on a task, in CPU time on one thread.
+
+    Raises:
+        RunFailed: the estimator failed.
+    """
     apart = isolation.limit(given.solver, given.timeout)
     try:
         with isolation.hosted(given.solver, {}, apart) as host, Bar(f"bench of {given.solver}") as bar:
@@ -39,6 +43,6 @@ def bench(given: Namespace, console: Console) -> int:
 
 
 def _measured(apart: bool) -> str:
-    """What the times are of."""
+    """Return the caption, which tells what the times measure."""
     text = "CPU time, one thread, fine phase; median over blocks of epochs"
     return f"{text}; the estimator's in a process of its own, without the way there and back" if apart else text

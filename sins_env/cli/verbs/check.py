@@ -1,4 +1,4 @@
-"""``sins-env check``: whether an estimator keeps the contract."""
+"""The verb ``check``: whether an estimator keeps the contract."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ from sins_env.evaluation.play.pool import Processes
 
 
 def check(given: Namespace, console: Console) -> int:
-    """A line per point of the contract."""
+    """Print a line per point of the contract.
+
+    Raises:
+        RunFailed: the estimator fails a check, or ends its process.
+    """
     marks = {True: "[green]pass[/]", False: "[bold red]FAIL[/]", None: "[dim]  - [/]"}
 
     def show(one: Check) -> None:

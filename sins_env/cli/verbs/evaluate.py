@@ -1,4 +1,4 @@
-"""``sins-env eval``: solvers on tasks, ranked."""
+"""The verb ``eval``: many runs of solvers on tasks, stored and ranked."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from sins_env.evaluation.tasks.task import EvaluationTask
 
 
 def _pairs(given: Namespace) -> list[tuple[EvaluationTask, str]]:
-    """Every task with every solver, each once; all names are checked before anything runs."""
+    """Return every pair of a task and a solver, each once; all names are checked before anything runs."""
     tasks = [get_task(name) for name in dict.fromkeys(given.task)]
     solvers = list(dict.fromkeys(given.solver))
     for solver in solvers:
@@ -32,7 +32,11 @@ def _pairs(given: Namespace) -> list[tuple[EvaluationTask, str]]:
 
 
 def evaluate(given: Namespace, console: Console) -> int:
-    """Evaluate, store as chunks end, then show the table."""
+    """Evaluate, store each chunk when it ends, and print the table.
+
+    Raises:
+        ValueError: an unknown name, or runs that the file has already without ``--resume``.
+    """
     check_plot(given.plot)
     pairs, settings = _pairs(given), dict(given.set)
     canonical(settings)

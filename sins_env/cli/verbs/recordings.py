@@ -1,4 +1,4 @@
-"""``convert`` and ``replay``: recordings from one format to another, and through a solver."""
+"""The verbs ``convert`` and ``replay``: a recording in another format, and a solver on a recording."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from sins_env.evaluation.replay.track_figure import track_figure
 
 
 def convert(given: Namespace, console: Console) -> int:
-    """Read, write, and say what was written, what is missing and what was left out."""
+    """Convert a recording; print the files written, gaps, and parts that the format has no place for."""
     target = Path(given.target)
     kind = given.to or recordings.format_of(target)
     with Bar(f"{given.source} to {given.target}"):
@@ -45,7 +45,11 @@ def convert(given: Namespace, console: Console) -> int:
 
 
 def replay(given: Namespace, console: Console) -> int:
-    """Play, print the table, draw."""
+    """Run a solver on windows of a recording, print the table, and draw the figure.
+
+    Raises:
+        RunFailed: the estimator failed in a window.
+    """
     check_plot(given.plot)
     settings = {
         name: value

@@ -1,4 +1,4 @@
-"""The verb ``reproduce``."""
+"""The verb ``reproduce``: published tables as Monte Carlo runs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,11 @@ would put it; "in order only": it does not, but what differs significantly stand
 
 
 def reproduce(given: Namespace, console: Console) -> int:
-    """Run what is missing, then show and write the tables; of all that are printed also the paper around them."""
+    """Make the missing runs, then print and write the tables; all of them together also make the paper.
+
+    Raises:
+        ValueError: an unknown table, no directory above ``--out``, or jinja2 is not installed.
+    """
     numbers = list(dict.fromkeys(given.table)) or reproduction.printed()
     tables = [reproduction.get_table(number) for number in numbers]
     complete = set(numbers) >= set(reproduction.printed())
@@ -51,11 +55,11 @@ def reproduce(given: Namespace, console: Console) -> int:
 
 
 def _some(out: Path) -> str:
-    """Every table that is there, from this command or an earlier one."""
+    """Return every table that this command or an earlier one has written."""
     there = [_part(out, number) for number in reproduction.names()]
     return "\n".join([HEAD, *(part.read_text(encoding="utf-8") for part in there if part.exists())])
 
 
 def _part(out: Path, number: str) -> Path:
-    """Each table has a file of its own, so that a later command for another one keeps it."""
+    """Return the file of a table; each has its own, so that a later command for another table keeps it."""
     return out / PARTS / f"{number}.md"

@@ -1,6 +1,4 @@
-"""Verbs of ``sins-env`` that run something: run, eval, check, bench.
-
-Tables go to standard output, progress and remarks to standard error."""
+"""The verb ``run``: one episode, with its final errors and a figure."""
 
 from __future__ import annotations
 
@@ -29,7 +27,11 @@ from sins_env.units import ARCSEC, DEG
 
 
 def run(given: Namespace, console: Console) -> int:
-    """One episode with live errors."""
+    """Run one episode, show its azimuth error meanwhile, and print the table of errors.
+
+    Raises:
+        RunFailed: the run raised, was lost, froze, or had failed epochs.
+    """
     task, settings = get_task(given.task), dict(given.set)
     check_plot(given.plot)
     with Bar(f"{given.solver} on {task.name}") as bar:
@@ -99,13 +101,13 @@ def _run_table(given: Namespace, task: EvaluationTask, course: Course) -> Table:
 
 
 def _spans(criteria: Criteria) -> str:
-    """What the RMS of a navigation task are over."""
+    """Return the time spans of the RMS in a navigation task, for the caption."""
     steady = (criteria.num_epochs - criteria.steady_from + 1) * criteria.epoch_s
     return f"; RMS: of angles in the last {steady:g} s, of the others from {(criteria.span_from - 1) * criteria.epoch_s:g} s on"
 
 
 def _add_navigation(table: Table, records: Records) -> None:
-    """Lengths of the errors of position and velocity; over time from where they count."""
+    """Add rows with the lengths of position and velocity errors; the RMS is over the scored span."""
     for name in ("position_h", "position_v", "velocity_h", "velocity_v"):
         quantity = QUANTITIES[name]
         over_time, final = (numbers.number(float(found[0]) / quantity.unit) for found in run_errors(records, name))

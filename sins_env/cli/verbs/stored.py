@@ -1,4 +1,4 @@
-"""Verbs of ``sins-env`` that read a results file: board, report, compare, export, verify; and the hash of a suite's seed."""
+"""Verbs that read a results file: board, report, compare, export, verify; and the hash of a suite seed."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks.task import seed_hash
 
-LEAST_SECRET_BITS = 64
+LEAST_SECRET_BITS = 64  #: least length of a secret suite seed, which could be guessed from its hash otherwise
 
 
 def _chosen(given: Namespace, store: Store) -> list[Key]:
-    """What the file holds of the tasks and solvers asked for.
+    """Return the keys of the tasks and solvers that the options name.
 
     Raises:
-        ValueError: a name that the file does not hold.
+        ValueError: a name that the file does not have.
     """
     held = store.keys()
     for kind, wanted, there in (
@@ -44,7 +44,7 @@ def _chosen(given: Namespace, store: Store) -> list[Key]:
 
 
 def board(given: Namespace, console: Console) -> int:
-    """The table from the file alone."""
+    """Print the ranked tables of a results file."""
     check_plot(given.plot)
     with Store(given.db, read_only=True) as store:
         keys = _chosen(given, store)
@@ -62,7 +62,7 @@ def board(given: Namespace, console: Console) -> int:
 
 
 def report(given: Namespace, console: Console) -> int:
-    """The page from the file alone."""
+    """Write the HTML page of a results file."""
     path = Path(given.html)
     if not path.resolve().parent.is_dir():
         raise ValueError(f"--html {path}: the directory does not exist")
@@ -79,7 +79,7 @@ def report(given: Namespace, console: Console) -> int:
 
 
 def compare(given: Namespace, console: Console) -> int:
-    """Two solvers of a results file, over the runs that both have."""
+    """Compare two solvers of a results file over the runs that both have."""
     with Store(given.db, read_only=True) as store:
         chosen = _chosen(Namespace(task=[given.task], solver=[given.solver, given.reference], db=given.db), store)
         pairs = [
@@ -100,7 +100,7 @@ def compare(given: Namespace, console: Console) -> int:
 
 
 def export(given: Namespace, console: Console) -> int:
-    """Every run of the file, or of the tasks and solvers asked for."""
+    """Export every run of the file, or those of some tasks and solvers."""
     form = next(name for name in exports.FORMATS if getattr(given, name))
     path = Path(getattr(given, form))
     if not path.resolve().parent.is_dir():
@@ -114,7 +114,7 @@ def export(given: Namespace, console: Console) -> int:
 
 
 def verify(given: Namespace, console: Console) -> int:
-    """Random rows once more."""
+    """Run random rows of a results file again, and print the differences."""
     with Store(given.db, read_only=True) as store:
         keys = _chosen(given, store)
         apart = not all(map(finding.is_own, {key.solver for key in keys}))
@@ -135,7 +135,7 @@ def verify(given: Namespace, console: Console) -> int:
 
 
 def suite(given: Namespace, console: Console) -> int:
-    """The hash of a suite seed."""
+    """Print the hash of a suite seed."""
     if given.seed.bit_length() < LEAST_SECRET_BITS:
         remark(f"a seed of fewer than {LEAST_SECRET_BITS} bits can be guessed from its hash")
     print(seed_hash(given.seed))

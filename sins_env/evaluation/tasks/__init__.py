@@ -1,7 +1,7 @@
-"""What is run: the evaluation tasks, their runs and seeds, and a digest of what each delivers.
+"""Evaluation tasks: what is run, with which seeds, and what counts as aligned.
 
-A task names an environment with its settings and says which error ranks. Read ``task``, a file of ``suite``, ``catalogue``,
-then ``fingerprint``.
+A name comes in; an :class:`EvaluationTask` goes out, which has an environment with its settings, thresholds, and the error
+that ranks. Read ``task``, a file of ``suite``, ``catalogue``, then ``fingerprint``.
 """
 
 from sins_env import moved

@@ -1,4 +1,4 @@
-"""The tasks by name: whatever the files of the folder ``suite`` define."""
+"""Catalogue of all tasks by name, from the files of the folder ``suite``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sins_env.evaluation.tasks.task import EvaluationTask
 
 
 def _files() -> Iterator[tuple[str, tuple[EvaluationTask, ...]]]:
-    """The name of each file of ``suite``, and its tasks.
+    """Yield the name of each file of ``suite`` and its tasks.
 
     Raises:
         ImportError: a file without ``TASKS``.
@@ -26,7 +26,7 @@ def _files() -> Iterator[tuple[str, tuple[EvaluationTask, ...]]]:
 
 
 def _by_name() -> dict[str, EvaluationTask]:
-    """All tasks, those of one environment together, in the order of the environments.
+    """Return all tasks by name, in the order of their environments.
 
     Raises:
         ImportError: two tasks of one name.
@@ -46,15 +46,15 @@ TASKS: dict[str, EvaluationTask] = _by_name()
 
 
 def names() -> list[str]:
-    """The names of all tasks."""
+    """Return the names of all tasks."""
     return list(TASKS)
 
 
 def get_task(name: str | EvaluationTask) -> EvaluationTask:
-    """A task by name; a task is passed through.
+    """Return the task of a name; a task is returned as it is.
 
     Raises:
-        ValueError: an unknown name; the nearest one is offered.
+        ValueError: an unknown name; the error offers the nearest one.
     """
     if isinstance(name, EvaluationTask):
         return name

@@ -1,4 +1,4 @@
-"""A fingerprint of what a task delivers to an estimator, so that a change of the world cannot go unnoticed."""
+"""Fingerprint of what a task delivers to an estimator, which shows any change of its world."""
 
 from __future__ import annotations
 
@@ -12,17 +12,19 @@ from numpy.typing import NDArray
 
 from sins_env.evaluation.tasks.task import EvaluationTask
 
-DIGEST_EPOCHS = 20
-DIGEST_EVERY_S = 10.0  #: of a flight, which changes its course long after its first epochs
+DIGEST_EPOCHS = 20  #: number of first epochs in the digest
+DIGEST_EVERY_S = 10.0  #: period of later epochs of a flight, which changes its course long after its first epochs, s
 
 
 def digest(task: EvaluationTask) -> str:
-    """16 hex digits that change when the world of a task changes: its starts and first epochs, runs 0 and 1; of a flight
-    an epoch every 10 s follows. What is scored is the told start, kept.
+    """Return 16 hex digits that change when the world of a task changes.
 
-    Each field enters as two weighted sums, rounded to a ten-millionth of their size. Values themselves could not be
-    rounded safely: an increment is a small difference, and another CPU's last bit would cross a rounding edge
-    somewhere among thousands.
+    The digest covers the starts and first epochs of runs 0 and 1, and for a flight an epoch every 10 s. The errors in it
+    are those of an estimator that keeps the told start.
+
+    Each field enters as two weighted sums, rounded to a ten-millionth of their size. The values themselves could not be
+    rounded safely. An increment is a small difference, and the last bit of another CPU would change the rounding of one
+    value among thousands.
     """
     lines = []
     for name, parts in _digested(task).items():

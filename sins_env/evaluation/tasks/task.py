@@ -1,7 +1,7 @@
-"""Tasks: environment, frozen keyword arguments, thresholds, suite seed; the name holds the version.
+"""An evaluation task: environment, frozen keyword arguments, thresholds, suite seed. The name has the version.
 
-Run seeds derive from the suite seed, the task's name and the run alone, so they depend neither on the number
-of workers nor on the solver: every solver meets the same runs. docs/tasks_and_scores.md#seeds.
+Run seeds derive from the suite seed, the task's name and the run alone. They depend neither on the number of workers nor
+on the solver, so every solver meets the same runs. docs/tasks_and_scores.md#seeds.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from sins_env.units import ARCSEC, DEG
 
 @dataclass(frozen=True)
 class EvaluationTask:
-    """What is run and what counts as aligned. Any change but to ``what`` and ``source`` is a new version."""
+    """Task of the evaluation. A change of anything but ``what`` and ``source`` needs a new version in the name."""
 
     name: str
     what: str
@@ -31,52 +31,61 @@ class EvaluationTask:
     env_id: str
     delta_azimuth_deg: float
     delta_level_arcsec: float
-    kwargs: Mapping[str, Any] = field(default_factory=dict)  #: of the environment; JSON-able
-    hold_s: float = 60.0  #: how long an error must stay within its threshold until the end
+    kwargs: Mapping[str, Any] = field(default_factory=dict)  #: settings of the environment, as JSON can hold them
+    hold_s: float = 60.0  #: least time that an error must stay within its threshold until the end
     suite_seed: int = 0
-    windows: int = 0  #: of a recording: run i is window i; 0 where runs are drawn
-    records: int = 0  #: of a simulation (headings, scenes): run i draws its own of record i, modulo their number
-    score_from_s: float = 0.0  #: from where the time means of a navigation task count, s from switch-on
-    rank_by: str = "azimuth"  #: what ranks a navigation task: "azimuth", "position", "velocity" or "failures"
-    fail_azimuth_deg: float | None = None  #: a run whose azimuth error at the end is larger has failed
-    seeds_of: str = ""  #: the task whose run seeds it has, so that run by run the settings alone differ; empty: its own
+    windows: int = 0  #: number of windows of a recording, and run i plays window i; 0 for a simulation
+    records: int = 0  #: number of simulated records, and run i plays record i % records with its own noise; 0 for none
+    score_from_s: float = 0.0  #: start of the time means of a navigation task, s from switch-on
+    rank_by: str = "azimuth"  #: score that ranks a navigation task: "azimuth", "position", "velocity" or "failures"
+    fail_azimuth_deg: float | None = None  #: azimuth error at the end above which a run has failed
+    seeds_of: str = ""  #: name of a task whose run seeds it shares, so that only the settings differ; empty for none
 
     @property
     def delta(self) -> Array:
-        """Thresholds for the errors E, N, U: (3,) rad."""
+        """Thresholds of the errors E, N, U, (3,) rad."""
         level = self.delta_level_arcsec * ARCSEC
         return np.array([level, level, self.delta_azimuth_deg * DEG])
 
     @property
     def thresholds(self) -> str:
-        """In words."""
+        """Thresholds in words."""
         level = f'{self.delta_level_arcsec:g}"'
         return f"azimuth within {self.delta_azimuth_deg:g} deg and level within {level}"
 
     @property
     def max_runs(self) -> int | None:
-        """The number of windows of a recording; None where runs are drawn."""
+        """Number of windows of a recording; None for a simulation, which has any number of runs."""
         return self.windows or None
 
     def check_runs(self, runs: int) -> None:
-        """Raises ValueError for more runs than a recording has windows."""
+        """Check that a recording has windows for so many runs.
+
+        Raises:
+            ValueError: more runs than windows.
+        """
         if self.max_runs is not None and runs > self.max_runs:
             raise ValueError(
                 f"runs = {runs} on {self.name}; allowed: up to {self.max_runs}, the windows of its recording"
             )
 
     def make(self, num_envs: int, **more: Any) -> VectorEnv[Any, Any, Any]:
-        """The native vector environment of ``num_envs`` runs.
+        """Make the vector environment of ``num_envs`` runs; ``more`` are further settings of it.
 
         Raises:
-            ValueError, FileNotFoundError: settings that do not fit, a recording that is not there.
+            ValueError: settings that do not fit.
+            FileNotFoundError: the recording is not there.
         """
         return gymnasium.make_vec(self.env_id, num_envs=num_envs, **{**self.kwargs, **more})
 
     def reset(
         self, env: VectorEnv[Any, Any, Any], runs: Sequence[int], suite_seed: int | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Reset ``env`` (one row per run) to these runs of the suite; observation 1 and the start's info."""
+        """Reset ``env``, which has one row per run, to these runs of the suite; return observation 1 and the start's info.
+
+        Raises:
+            ValueError: a seed that is not a whole number, or is negative.
+        """
         options = {"window": list(runs)} if self.windows else None
         if self.records:
             options = {"record": [run % self.records for run in runs]}
@@ -85,15 +94,15 @@ class EvaluationTask:
 
 
 def is_scored(env: VectorEnv[Any, Any, Any]) -> bool:
-    """Whether the environment knows the truth; a recording without a reference does not."""
+    """Return whether the environment knows the truth; a recording without a reference does not."""
     return bool(env.unwrapped.episode.world.scored)  # type: ignore[attr-defined]
 
 
 def run_numbers(runs: int | Iterable[int]) -> list[int]:
-    """The runs asked for, in order and each once: so many from 0 on, or those given.
+    """Return the numbers of the requested runs, sorted and each once; a number ``runs`` means the first ones from 0 on.
 
     Raises:
-        ValueError: anything but whole numbers, or one that is negative.
+        ValueError: anything but whole numbers, or a negative one.
     """
     allowed = "a whole number, at least 1, or the numbers of the runs wanted, from 0 on"
     try:
@@ -119,7 +128,7 @@ def _sequence(task: EvaluationTask, suite_seed: int | None, *key: int) -> np.ran
 
 
 def _seed(task: EvaluationTask, suite_seed: int | None) -> int:
-    """An error does not repeat what was given: it may be nearly a secret."""
+    """Return a seed that has been checked. An error does not repeat the given value, which may be nearly a secret."""
     try:
         seed = operator.index(task.suite_seed if suite_seed is None else suite_seed)
     except TypeError as error:
@@ -130,14 +139,15 @@ def _seed(task: EvaluationTask, suite_seed: int | None) -> int:
 
 
 def run_seed(task: EvaluationTask, run: int, suite_seed: int | None = None) -> int:
-    """The environment's seed of one run; the same for every solver."""
+    """Return the seed of the environment in one run, which is the same for every solver."""
     return int(_sequence(task, suite_seed, run).generate_state(1, np.uint64)[0])
 
 
 def solver_rng(task: EvaluationTask, solver: str, run: int, suite_seed: int | None = None) -> np.random.Generator:
-    """The stream that one solver draws from in one run.
+    """Return the random generator of one solver in one run.
 
-    Its seed sequence, from which it may spawn, is a hash: the suite seed would let a solver make the truth of its run.
+    Its seed sequence, from which the solver may spawn, is a hash. With the suite seed itself a solver could compute the
+    truth of its run.
     """
     source = _sequence(task, suite_seed, zlib.crc32(solver.encode()), run)
     hashed = hashlib.sha256(repr((source.entropy, source.spawn_key)).encode()).digest()
@@ -147,10 +157,10 @@ def solver_rng(task: EvaluationTask, solver: str, run: int, suite_seed: int | No
 
 
 def suite_hash(task: EvaluationTask, suite_seed: int | None = None) -> str:
-    """The name of a suite in files: the first 16 digits of :func:`seed_hash`."""
+    """Return the name of a suite in files, the first 16 digits of :func:`seed_hash`."""
     return seed_hash(_seed(task, suite_seed))[:16]
 
 
 def seed_hash(seed: int) -> str:
-    """What is published of a secret suite seed beforehand: 64 hex digits of SHA-256."""
+    """Return the hash to publish before a secret suite seed is used: 64 hex digits of SHA-256."""
     return hashlib.sha256(f"sins-env suite {seed}".encode()).hexdigest()

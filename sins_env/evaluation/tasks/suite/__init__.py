@@ -1,5 +1,6 @@
-"""The evaluation tasks, a family a file. A file defines ``TASKS``, a tuple of :class:`EvaluationTask`; that alone makes them known.
+"""Definitions of the evaluation tasks, with a family in each file.
 
-Each states its environment, the settings of it, and what counts as aligned. Begin with ``swaying_base``.
-docs/tasks_and_scores.md#tasks tells what the fields mean, docs/tasks_and_scores.md#alignment-criterion how thresholds are set.
+A file defines ``TASKS``, a tuple of :class:`EvaluationTask`, and the catalogue finds it without further registration.
+Read ``swaying_base`` first. docs/tasks_and_scores.md#tasks explains the fields, and
+docs/tasks_and_scores.md#alignment-criterion the choice of thresholds.
 """

@@ -1,4 +1,4 @@
-"""The flights of the documents, each with its own sensors, fixes and start. docs/mathematics/simulation.md#flight-profiles."""
+"""Flights of the papers, each with its own sensors, fixes and start. docs/mathematics/simulation.md#flight-profiles."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Starts in flight with a heading that is told badly. docs/mathematics/simulation.md#flight-profiles."""
+"""Starts in flight with a told heading that is far off. docs/mathematics/simulation.md#flight-profiles."""
 
 from __future__ import annotations
 
 from sins_env.evaluation.tasks.task import EvaluationTask
 
-#: East, North, Up: standard deviations of the told attitude, deg; the last one names the task.
+#: Standard deviations E, N, U of the told attitude, deg; the last one is in the name of the task.
 SPREADS_DEG = ((5, 5, 30), (10, 10, 60), (20, 20, 90))
 
 TASKS = tuple(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from sins_env.evaluation.tasks.task import EvaluationTask
 
-#: 000 section 6.1: three headings, ten records each; doors, then rocking (2 of 30) or people, then people.
+#: Headings and scenes of the records in 000 section 6.1: ten at each of three headings. The first ten have doors, the next
+#: two rocking, and the others people.
 VEHICLE_HEADINGS_DEG = [*[149.4] * 10, *[-28.8] * 10, *[-26.3] * 10]
 VEHICLE_SCENES = [*["doors"] * 10, *["rocking"] * 2, *["people"] * 18]
 

@@ -1,11 +1,11 @@
-"""The swaying base of the thesis, 000 section 2.5.1, under one disturbance at a time. docs/mathematics/simulation.md#sway."""
+"""Swaying base of the thesis, 000 section 2.5.1, with one disturbance at a time. docs/mathematics/simulation.md#sway."""
 
 from __future__ import annotations
 
 from sins_env.evaluation.tasks.task import EvaluationTask
 
 ENV = "SINS/AlignSway-v0"
-#: Sensors and fixes as the thesis has them; start and noise are told as they are.
+#: Usual settings: sensors and fixes of the thesis, with a told start and an assumed noise that equals the true one.
 USUAL = {"imu": "thesis-white", "gps": "thesis", "start": "told", "prior": "matched", "duration": 360.0}
 
 TASKS = (
