@@ -7,7 +7,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from sins_env import attitude, checks, earth
 from sins_env.arrays import Array, Rngs
@@ -98,6 +97,8 @@ def told_start(
     fixed = misalignment_deg is not None
     phi = DEG * (np.broadcast_to(misalignment_deg, (len(draws), 3)) if fixed else spread * draws[:, :3])
     if any_heading:
+        from scipy.special import ndtr  # slow to import, needed by headings over the circle only
+
         phi[:, 2] = np.pi * (2.0 * ndtr(draws[:, 2]) - 1.0)
     computed = attitude.multiply(attitude.misalignment_quaternion(phi), truth.q_nb)
     vel = truth.vel + task.prior.velocity_std_mps * draws[:, 3:6]

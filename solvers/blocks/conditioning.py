@@ -12,7 +12,6 @@ import math
 from functools import cache
 
 import numpy as np
-from scipy.special import gammaincinv
 
 from sins_env.arrays import Array, Mask
 from solvers.blocks.square_root import cholesky, symmetrize
@@ -65,7 +64,9 @@ def nis(innovation: Innovation) -> Array:
 @cache
 def gate_limit(gate: float, m: int) -> float:
     """Return the ``gate`` quantile of chi-square with ``m`` degrees of freedom, the limit of the NIS; inf for 1."""
-    return float(2.0 * gammaincinv(0.5 * m, gate))  # the quantile of chi-square; scipy.stats is slow to import
+    from scipy.special import gammaincinv  # slow to import, needed by gates only; scipy.stats is slower still
+
+    return float(2.0 * gammaincinv(0.5 * m, gate))  # the quantile of chi-square
 
 
 def log_likelihood(innovation: Innovation) -> Array:

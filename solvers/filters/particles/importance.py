@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
 
 from sins_env.arrays import Array, Mask
 from solvers.blocks.conditioning import inverse_lower
@@ -33,6 +32,8 @@ def log_density(residual: Array, R: Array, law: NoiseLaw | None = None) -> Array
     pivots = np.diagonal(inverse, axis1=-2, axis2=-1)
     log_det = np.log(np.where(pivots == 0.0, 1.0, pivots)).sum(axis=-1)[..., None]  # -log sqrt(det R)
     if law is not None and law.dof:
+        from scipy.special import gammaln  # slow to import, needed by heavy tails only
+
         constant = gammaln(0.5 * (law.dof + m)) - gammaln(0.5 * law.dof) - 0.5 * m * math.log(law.dof * math.pi)
         return np.asarray(constant + log_det - 0.5 * (law.dof + m) * np.log1p(squared / law.dof))
     clean = log_det - 0.5 * (squared + m * math.log(2.0 * math.pi))

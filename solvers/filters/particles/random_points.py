@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from sins_env.arrays import Array
 from sins_env.checks import refused, whole
@@ -78,6 +77,8 @@ def normals(points: str, keys: Keys, epoch: int, stage: int, count: int, n: int)
         for stream, own in zip(_streams(keys, epoch, stage), out, strict=True):
             stream.standard_normal(out=own)
         return out.reshape(*keys.shape, count, n)
+    from scipy.special import ndtri  # slow to import, needed by quasi-random points only
+
     u = POINTS[points](uniforms(keys, epoch, stage, n), count)
     return np.asarray(ndtri(np.clip(u, EDGE, 1.0 - EDGE, out=u), out=u))
 
@@ -175,7 +176,7 @@ def _kakutani(u: Array, p: int) -> Array:
 
 @cache
 def _sobol(count: int, n: int) -> NDArray[np.int64]:
-    from scipy.stats import qmc  # slow to import, needed by quasi-random points only
+    from scipy.stats import qmc  # slow to import, as above
 
     net = qmc.Sobol(n, bits=BITS, rng=np.random.default_rng(0)).random(1 << (count - 1).bit_length())
     return _shared((net[:count] * 2.0**BITS).astype(np.int64))
@@ -183,7 +184,7 @@ def _sobol(count: int, n: int) -> NDArray[np.int64]:
 
 @cache
 def _halton(count: int, n: int) -> Array:
-    from scipy.stats import qmc  # as for Sobol's points
+    from scipy.stats import qmc  # slow to import, as above
 
     return _shared(qmc.Halton(n, rng=np.random.default_rng(0)).random(count))
 
