@@ -1,7 +1,11 @@
-"""The score: tasks, Monte Carlo, metrics, the results file and the board.
+"""Evaluation of estimators: tasks, Monte Carlo runs, scores, the results file, tables and figures.
 
-An estimator is seen only through its protocol: it gets observations and the public Task, and is found by
-name through the entry-point group ``sins_env.estimators`` or as ``package.module:Factory``.
+A task and a solver come in; :class:`Results` go out. An estimator is used only through its protocol: it gets observations
+and the public Task. It is found by name through the entry-point group ``sins_env.estimators``, or as
+``package.module:Factory``.
+
+Read ``monte_carlo``, then the folders from the bottom to the top: ``tasks``, ``estimators``, ``play``, ``bound``,
+``speed``, ``score``, ``show``, ``store``, ``replay``, ``report``, ``reproduction``.
 """
 
 import warnings

@@ -1,4 +1,4 @@
-"""``evaluate``: many runs of one solver on one task, in chunks, with progress, the same result anywhere."""
+"""Evaluation of one solver on one task: many runs, in chunks, with the same result wherever they run."""
 
 from __future__ import annotations
 
@@ -36,20 +36,22 @@ def evaluate(
     """Run a solver on a task and score it.
 
     Args:
+        task: a task or its name.
         solver: a name, ``module:Factory``, or a class or function (at module level, for worker processes).
-        runs: how many, or the numbers of those wanted (from 0 on).
-        seed: of the suite; None is the task's own. The hash of a secret one may be published.
-        executor: None or "processes" for worker processes, "dask", any ``concurrent.futures.Executor``, which is
-            left open (of Dask: ``Client.get_executor()``).
-        workers: processes; None is one per core, 1 stays in this process. Results do not depend on it.
+        runs: number of runs, or their numbers, which begin with 0.
+        seed: seed of the suite; None takes that of the task. The hash of a secret seed may be published.
+        settings: settings of the solver.
+        executor: None or "processes" for worker processes, "dask", or any ``concurrent.futures.Executor``, which is left
+            open (for Dask: ``Client.get_executor()``).
+        workers: number of processes; None takes one per core, 1 stays in this process. Results do not depend on it.
         chunk: runs per batch, by default 64 to 256. Other sizes change results by rounding only (1e-9).
-        epoch_timeout_s: how long one call of the solver may take, whatever the number of runs: a batch that takes longer
-            is halved, and a run has failed if it takes longer alone. The solver has a process of its own then, which
-            may hang or crash at the cost of the runs at fault only. None is no limit.
-        cost: measure the time of one step besides, and its ratio to ckf; not where a run was lost.
-        progress: called with the simulated seconds done and in all, summed over runs.
-        on_records: called in this process with the records of each chunk as it ends; what was handed over
-            before a KeyboardInterrupt is done.
+        epoch_timeout_s: longest time of one call of the solver, whatever the number of runs. A batch that takes longer
+            is halved, and a run that takes longer alone has failed. With a limit the solver has a process of its own,
+            which may hang or crash at the cost of the runs at fault only. None is no limit.
+        cost: whether to measure the time of a step and its ratio to ckf; it is not measured if a run was lost.
+        progress: function called with the simulated seconds done and with their total, summed over runs.
+        on_records: function called in this process with the records of each chunk when it ends. A KeyboardInterrupt
+            does not undo it.
 
     Raises:
         ValueError, FileNotFoundError: names, settings or numbers that do not fit; nothing has run then.

@@ -1,4 +1,5 @@
-"""A solver on a recording: attitudes and tracks of every window, their scatter, tables and figures.
+"""Replay: a solver on windows of a recording, with tables and figures.
 
-Read ``replaying``, ``track``, ``tables``, ``angles_figure``, ``track_figure``.
+A recording and a solver come in; a :class:`~sins_env.evaluation.replay.replaying.Replay` goes out, which has the angles and
+tracks of every window and their scatter. Read ``replaying``, ``track``, ``tables``, ``angles_figure``, ``track_figure``.
 """

@@ -1,4 +1,4 @@
-"""The figure of ``replay``: heading, pitch, roll over time in every window, and their spread over the windows."""
+"""The figure of a replay: heading, pitch, roll over time in every window, and their spread over the windows."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
     from matplotlib.figure import Figure
 
 
-MOST_NAMED = 8  #: windows that the legend names
-JUMP_DEG = 20.0  #: from one epoch to the next: a line is not drawn across, nothing turns so fast but a first guess
+MOST_NAMED = 8  #: most windows for which the legend names each
+JUMP_DEG = 20.0  #: jump between two epochs at which a line breaks; only a first guess turns so fast
 _COLOUR, REFERENCE, _SPREAD = "#0072B2", "0.15", "#D55E00"
 
 
 def replay_figure(one: Replay) -> Figure:
-    """Each angle over time in every window, with the reference, and beside it the spread over the windows."""
+    """Draw each angle over time in every window, with the reference, and beside it the spread over the windows."""
     several = sum(not why for why in one.failed) > 1
     out = new_figure(12.0 if several else 9.0, 7.6)
     panels = out.subplots(3, 2 if several else 1, sharex=True, squeeze=False, width_ratios=[2, 1] if several else [1])
@@ -56,7 +56,7 @@ def _draw_angle(axes: Axes, one: Replay, j: int, name: str) -> None:
     centre = float(centre) if np.isfinite(centre) else 0.0
 
     def degrees(values: Array) -> Array:
-        """Continuous where it matters: near the centre."""
+        """Return degrees that are continuous near the centre."""
         return np.degrees((centre % (2 * np.pi) if j == 0 else centre) + attitude.wrap(values - centre))
 
     shown = []
@@ -88,19 +88,19 @@ def _draw_angle(axes: Axes, one: Replay, j: int, name: str) -> None:
 
 
 def windows_text(one: Replay) -> str:
-    """Where it was played."""
+    """Return the number and length of the windows, or the start and end of a single one."""
     if len(one.starts) > 1:
         return f"{len(one.starts)} windows of {one.t[-1]:g} s"
     return f"{seconds(one.starts[0])} to {seconds(one.starts[0] + one.t[-1])} s"
 
 
 def window_label(one: Replay, i: int) -> str | None:
-    """For the legend, as far as it has room."""
+    """Return the label of a window; None if the legend has no room for it."""
     return f"estimate from {seconds(one.starts[i])} s" if len(one.starts) <= MOST_NAMED or i == 0 else None
 
 
 def colours(count: int) -> Any:
-    """One per window, in order of time."""
+    """Return a colour per window, in order of time."""
     import matplotlib  # slow to import
 
     return [_COLOUR] if count == 1 else matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, count))

@@ -1,8 +1,8 @@
-"""``replay``: one solver on windows of any recording; heading, pitch, roll, and how far they scatter over the windows; where it
-navigates, velocity and position too (:mod:`sins_env.evaluation.replay.track`).
+"""Replay of one solver on windows of any recording: heading, pitch, roll, and their scatter over the windows.
 
-Where the recording has a reference the scatter is that of the errors against it, else that of the angles themselves,
-which says something of a base that stands.
+If the recording has a reference, the scatter is that of the errors against it. Without one it is that of the angles, which
+is meaningful if the base stands still. A solver that navigates has velocity and position, too
+(:mod:`sins_env.evaluation.replay.track`).
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ ANGLES = ("heading", "pitch", "roll")
 
 @dataclass(frozen=True, repr=False)
 class Replay:
-    """Windows of one length on one recording. Angles in rad: heading in [0, 2 pi), pitch, roll; NaN where it failed."""
+    """A solver on W windows of one length. Angles are heading in [0, 2 pi), pitch, roll, rad; NaN in failed epochs."""
 
     recording: str
     solver: str
-    starts: Array  #: (W,) s on the recording's clock
-    t: Array  #: (K,) s in the window
+    starts: Array  #: (W,) start of each window, s on the recording's clock
+    t: Array  #: (K,) time of each epoch, s from the start of the window
     coarse_s: float
-    angles: Array  #: (W, K, 3)
-    reference: Array | None  #: (W, K, 3)
-    failed: tuple[str, ...]  #: (W,) why a window failed; empty where it did not
-    track: Track | None = None  #: None in alignment
+    angles: Array  #: (W, K, 3) estimated angles
+    reference: Array | None  #: (W, K, 3) angles of the reference; None without one
+    failed: tuple[str, ...]  #: (W,) reason why a window failed; empty if it did not
+    track: Track | None = None  #: velocity and position; None in alignment
 
     @property
     def scatter(self) -> Array:
-        """(W, K, 3) rad: errors against the reference, or else differences from the mean over the windows."""
+        """Errors against the reference, or without one differences from the mean over the windows, (W, K, 3) rad."""
         if self.reference is not None:
             return attitude.wrap(self.angles - self.reference)
         good = self.angles[[not why for why in self.failed]]
@@ -50,7 +50,7 @@ class Replay:
 
     @property
     def spread(self) -> Array:
-        """(K, 3) rad, standard deviation over the windows that did not fail; NaN for fewer than two."""
+        """Standard deviation over the windows that did not fail, (K, 3) rad; NaN for fewer than two."""
         good = self.scatter[[not why for why in self.failed]]
         return good.std(axis=0, ddof=1) if len(good) > 1 else np.full(self.angles.shape[1:], np.nan)
 
@@ -61,7 +61,7 @@ class Replay:
 
 
 def mean_angle(angles: Array) -> Array:
-    """Over the first axis, on the circle."""
+    """Return the mean angle over the first axis, on the circle, rad."""
     return np.arctan2(np.sin(angles).mean(axis=0), np.cos(angles).mean(axis=0))
 
 
@@ -80,12 +80,16 @@ def replay(
     """Play a solver on windows of a recording.
 
     Args:
-        windows: (start, length) s each, all of one length; none is one window over all of the recording.
-        stride: s, for a single window: as many as fit, each so much later.
-        settings: of the solver.
+        recording: path of the recording, or of its mapping.
+        solver: a name, ``module:Factory``, or a class or function.
+        windows: pairs (start, length) in s, all of one length; none is one window over the whole recording.
+        stride: step in s from one window to the next; a single window is then repeated as often as fits.
+        settings: settings of the solver.
         env: further keyword arguments of ``SINS/Replay-v0``.
-        epoch_timeout_s: s that one call of the solver may take; it then has a process of its own, as it has at infinity.
-        progress: called with seconds done, seconds in all, and a note.
+        seed: seed of the solver's random numbers.
+        epoch_timeout_s: longest time of one call of the solver, s. With a limit, even an infinite one, the solver has a
+            process of its own.
+        progress: function called with the seconds done, their total, and a note.
 
     Raises:
         ValueError, FileNotFoundError: names, windows or settings that do not fit.
@@ -131,7 +135,7 @@ def replay(
 
 
 def _make(recording: str, settings: Mapping[str, Any], stride: float | None, batched: bool) -> list[Any]:
-    """The vector environment of as many windows as there are; for a solver of single runs one for each."""
+    """Make one vector environment of all windows, or for a solver that is not batched one of each."""
 
     def make(count: int, **more: Any) -> Any:
         return gymnasium.make_vec("SINS/Replay-v0", num_envs=count, recording=recording, **{**settings, **more})
@@ -148,8 +152,12 @@ def _make(recording: str, settings: Mapping[str, Any], stride: float | None, bat
 def _play(
     env: Any, host: Host, seed: int, report: Callable[[float, str], None]
 ) -> tuple[Array, Array, Array, Array, list[str]]:
-    """Actions (W, K, 4 or 10), and NaN where there are none: positions of the fixes (W, K, 3), errors of velocity and position
-    (W, K, 6), attitudes of the reference (W, K, 4); and why each window failed."""
+    """Play the windows of an environment.
+
+    Returns:
+        actions (W, K, 4) or (W, K, 10), positions of the fixes (W, K, 3), errors of velocity and position (W, K, 6),
+        attitudes of the reference (W, K, 4), and the reason why each window failed. Unknown values are NaN.
+    """
     count, task, scored = env.num_envs, env.unwrapped.task, is_scored(env)
     obs, _ = env.reset(seed=seed, options={"window": list(range(count))})
     rngs = [np.random.default_rng([seed, row]) for row in range(count)]

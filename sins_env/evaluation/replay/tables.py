@@ -1,4 +1,4 @@
-"""Tables of a replayed recording: angles and navigation errors at the end of each window."""
+"""Tables of a replay: angles at the end of each window, and the RMS of navigation errors."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from sins_env.evaluation.replay.replaying import ANGLES, Replay, mean_angle
 from sins_env.evaluation.show.style import titled
 from sins_env.recordings import seconds
 
-MOST_ROWS = 24  #: windows that the table shows one by one
+MOST_ROWS = 24  #: most windows with a row of their own
 
 
 def table(one: Replay) -> Table:
-    """A row per window, and what they say together."""
+    """Return a table with a row per window, and the mean, spread and RMS over the windows."""
     out = titled(f"{one.solver} on {one.recording}, at the end of each window")
     out.add_column("window, s", no_wrap=True)
     scored = one.reference is not None
@@ -49,7 +49,10 @@ def table(one: Replay) -> Table:
 
 
 def add_rows(table: Table, errors: Array) -> None:
-    """Of a run's table: what the phase of the carrier says of the antenna's way, a witness besides the reference."""
+    """Add rows to the table of a run: errors (D, 3) m of the displacements, against those from carrier phase.
+
+    They are a check that does not depend on the reference.
+    """
     for name, part in (("hor.", errors[:, :2]), ("vert.", errors[:, 2:])):
         if len(part):
             squares = np.square(part).sum(axis=1)
@@ -59,7 +62,7 @@ def add_rows(table: Table, errors: Array) -> None:
 
 
 def track_table(one: Replay, most: int) -> Table:
-    """A row per window, ``most`` of them, of a replay that navigates."""
+    """Return a table of a replay that navigates, with a row for each of the first ``most`` windows."""
     track = one.track
     assert track is not None
     out = titled(f"{one.solver} on {one.recording}, RMS after the coarse phase, horizontal and vertical")

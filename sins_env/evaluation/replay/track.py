@@ -1,5 +1,6 @@
-"""What a navigating ``replay`` has besides angles: velocity and position, against the reference and, apart from it, against
-the displacements that the phase of the carrier measured.
+"""Velocity and position of a replay that navigates.
+
+They are compared with the reference and, independently of it, with displacements measured by carrier phase.
 """
 
 from __future__ import annotations
@@ -21,20 +22,20 @@ if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Velocity and position in every window. Errors are NaN where the recording has no reference."""
+    """Velocity and position in every window. Errors are NaN if the recording has no reference."""
 
     recording: Recording
-    starts: Array  #: (W,) s on the recording's clock
-    t: Array  #: (K,) s in the window
-    fine: Mask  #: (K,) after the coarse phase: what is scored
-    q_nb: Array  #: (W, K, 4)
-    pos: Array  #: (W, K, 3) latitude rad, longitude rad, height m
-    fixes: Array  #: (W, K, 3) of the antenna; NaN where the solver got none
-    vel_error: Array  #: (W, K, 3) m/s E, N, U
-    pos_error: Array  #: (W, K, 3) m E, N, U
+    starts: Array  #: (W,) start of each window, s on the recording's clock
+    t: Array  #: (K,) time of each epoch, s from the start of the window
+    fine: Mask  #: (K,) whether an epoch lies after the coarse phase and is scored
+    q_nb: Array  #: (W, K, 4) estimated attitude
+    pos: Array  #: (W, K, 3) estimated latitude rad, longitude rad, height m
+    fixes: Array  #: (W, K, 3) position fixes of the antenna; NaN at epochs without one
+    vel_error: Array  #: (W, K, 3) error of velocity E, N, U, m/s
+    pos_error: Array  #: (W, K, 3) error of position E, N, U, m
 
     def displacement_errors(self, window: int) -> tuple[Array, Array]:
-        """Times (D,) s in the window and errors (D, 3) m E, N, U, estimated less measured, after the coarse phase."""
+        """Return times (D,) s in the window and errors (D, 3) m E, N, U of displacements after the coarse phase."""
         t, error = displacement_errors(
             self.recording,
             self.starts[window] + self.t[self.fine],
@@ -44,8 +45,10 @@ class Track:
         return t - self.starts[window], error
 
     def scores(self, window: int) -> dict[str, tuple[float, float]]:
-        """RMS, horizontal and vertical, over the fine phase of velocity m/s, position m and displacement m; without those that
-        there is nothing to compare with."""
+        """Return the horizontal and vertical RMS over the fine phase of velocity, position and displacement.
+
+        Quantities without a reference are left out.
+        """
         errors = {
             "velocity, m/s": self.vel_error[window, self.fine],
             "position, m": self.pos_error[window, self.fine],
@@ -56,14 +59,17 @@ class Track:
 
 
 def displacement_errors(recording: Recording, times: Array, q_nb: Array, pos: Array) -> tuple[Array, Array]:
-    """What an estimate says of the antenna's displacements, less what the phase of the carrier says.
+    """Return the estimated displacements of the antenna minus those from carrier phase.
 
     Args:
-        times: (K,) s on the recording's clock, of attitudes (K, 4) and positions of the IMU (K, 3) rad, rad, m.
+        recording: recording with displacements.
+        times: times of the estimates, (K,) s on the recording's clock.
+        q_nb: estimated attitudes, (K, 4).
+        pos: estimated positions of the IMU, (K, 3) rad, rad, m.
 
     Returns:
-        ends of the displacements that can be relied on (:attr:`~sins_env.recordings.Displacements.usable`) and lie, with both
-        ends, within half a sample of the times: (D,) s; errors (D, 3) m E, N, U.
+        end times of the displacements, (D,) s, and errors, (D, 3) m E, N, U. A displacement must be usable
+        (:attr:`~sins_env.recordings.Displacements.usable`), and both of its ends must lie within half a sample of a time.
     """
     moved = recording.displacements
     if moved is None or not len(times):
@@ -80,8 +86,10 @@ def displacement_errors(recording: Recording, times: Array, q_nb: Array, pos: Ar
 
 
 def of_run(task: EvaluationTask, run: int, course: Course) -> Array:
-    """Errors (D, 3) m E, N, U of the displacements after the coarse phase in a run that was scored against a reference; none
-    where the task has no recording, or the recording none."""
+    """Return the errors (D, 3) m E, N, U of the displacements after the coarse phase in a run with a reference.
+
+    The result is empty for a task without a recording, or for a recording without displacements.
+    """
     if not task.windows:
         return np.empty((0, 3))
     env = task.make(1)

@@ -1,4 +1,4 @@
-"""The figure of a ``replay`` that navigates: the way, and the errors of heading, velocity and position along it."""
+"""The figure of a replay that navigates: the ground track, and the errors of heading, velocity and position."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _KINDS = (("velocity error", "m/s"), ("position error", "m"), ("displacement err
 
 
 def track_figure(one: Replay) -> Figure:
-    """The way with reference and fixes; beside it what is wrong with it."""
+    """Draw the ground track with reference and fixes, and beside it the errors over time."""
     track = one.track
     assert track is not None
     out = new_figure(13.0, 8.4)
@@ -50,7 +50,7 @@ def track_figure(one: Replay) -> Figure:
 
 
 def _draw_way(axes: Axes, one: Replay, track: Track) -> None:
-    """From above, metres from the site; the reference is the estimate without its error."""
+    """Draw the ground track in metres from the site; the reference is the estimate minus its error."""
     site, model = track.recording.site.pos, earth.get(track.recording.site.earth)
 
     def metres(pos: Array) -> tuple[Array, Array]:
@@ -91,7 +91,7 @@ def _draw_heading(axes: Axes, one: Replay) -> None:
 
 
 def _draw_errors(axes: Axes, one: Replay, name: str, unit: str, courses: list[tuple[Array, Array]]) -> None:
-    """Horizontal size and vertical error of each window, after the coarse phase; points where they are few."""
+    """Draw the horizontal and vertical error of each window after the coarse phase, as points if there are few."""
     shown = []
     for i, ((t, error), colour) in enumerate(zip(courses, colours(len(courses)), strict=True)):
         late = t > one.coarse_s

@@ -1,4 +1,4 @@
-"""What a step costs: seconds of estimator and environment per epoch, beside ckf, and the speed of the whole chain.
+"""Speed: the cost of a step of an estimator beside that of ckf, and the speed of the whole chain.
 
-Read ``timing``, ``cost``, ``bench``.
+A solver and a task come in; seconds of estimator and environment per epoch go out. Read ``timing``, ``cost``, ``bench``.
 """

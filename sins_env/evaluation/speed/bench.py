@@ -18,12 +18,12 @@ from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask
 
 BATCHES = (256, 1)
-WARM_UP, BLOCK = 20, 20  #: epochs
-SECONDS = 4.0  #: spent on each batch size
+WARM_UP, BLOCK = 20, 20  #: number of epochs before the measurement, and in a block
+SECONDS = 4.0  #: duration of the measurement of each batch size
 
 
 class Speed(NamedTuple):
-    """CPU time of one part at one batch size; the median over blocks of epochs."""
+    """CPU time of one part at one batch size, the median over blocks of epochs."""
 
     part: str  #: "whole chain", "environment" or "estimator"
     runs: int
@@ -32,7 +32,7 @@ class Speed(NamedTuple):
 
 
 def fitting(host: Host, task: str | EvaluationTask, batches: Sequence[int]) -> tuple[tuple[int, ...], list[str]]:
-    """The batch sizes that solver and task can do, each once, and a remark on each that was changed."""
+    """Return the batch sizes that solver and task allow, each once, and a remark on each that was changed."""
     task, remarks = get_task(task), []
     sizes = []
     for runs in batches:
@@ -53,15 +53,18 @@ def measure(
     seconds: float | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> list[Speed]:
-    """Speed of environment and estimator, on one thread, in CPU time (a busy machine disturbs it little).
+    """Measure the speed of environment and estimator on one thread, in CPU time, which a busy machine disturbs little.
 
     Args:
-        host: the solver. If it has a process of its own, its CPU time is taken there; the way there and back is not counted.
+        host: solver. If it has a process of its own, its CPU time is taken there, without that of the communication.
+        task: a task or its name.
         batches: numbers of runs, as :func:`fitting` gives them.
-        seconds: spent on each; None is SECONDS.
+        seconds: duration of the measurement of each; None takes SECONDS.
+        progress: function called with the batches done and with their number.
 
     Raises:
-        ValueError: names or numbers of runs that do not fit. EstimatorError: the estimator fails.
+        ValueError: names or numbers of runs that do not fit.
+        EstimatorError: the estimator fails.
     """
     keep_freed_memory()
     task, most = get_task(task), SECONDS if seconds is None else seconds
@@ -88,7 +91,7 @@ def measure(
 
 
 def _blocks(probe: Probe, seconds: float, report: Callable[[float], None]) -> tuple[np.ndarray, np.ndarray]:
-    """CPU seconds of estimator and environment per block of epochs."""
+    """Return CPU seconds of estimator and of environment in each block of epochs."""
     spent = []
     begin = time.perf_counter()
     while probe.left >= BLOCK:

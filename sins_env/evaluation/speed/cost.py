@@ -1,4 +1,4 @@
-"""What a step of an estimator costs at one run, on one thread, and its ratio to ckf in the same process."""
+"""Cost of a step of an estimator with one run, on one thread, and its ratio to that of ckf."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from sins_env.evaluation.speed.timing import Probe
 from sins_env.evaluation.tasks.task import EvaluationTask
 
 YARDSTICK = "ckf"
-WARM_UP, BLOCK, BLOCKS = 30, 20, 15  #: epochs, epochs, number of blocks timed
-MOST_S = 3.0  #: a slow estimator is timed for no longer, but for one block at least
+WARM_UP, BLOCK, BLOCKS = 30, 20, 15  #: epochs before the measurement, epochs of a block, number of blocks
+MOST_S = 3.0  #: longest measurement of a slow estimator, which is at least one block
 
 
 class Cost(NamedTuple):
@@ -28,7 +28,7 @@ class Cost(NamedTuple):
 
     median_us: float
     p95_us: float
-    ratio: float | None  #: of the median to that of ckf; None where ckf is not installed
+    ratio: float | None  #: median over the median of ckf; None if ckf is not installed
 
 
 def measure_cost(
@@ -38,11 +38,17 @@ def measure_cost(
     timeout_s: float | None = None,
     clock: Clock = time.perf_counter,
 ) -> Cost | None:
-    """Cost of a solver; blocks alternate with ckf's, so that a busy machine slows both. None if it raises.
+    """Measure the cost of a solver; its blocks alternate with those of ckf, so that a busy machine slows both.
 
     Args:
-        timeout_s: of a call; the solver then has a process of its own, and its time is taken there.
-        clock: ``time.process_time`` counts CPU time, which a machine that is busy with other things changes little.
+        task: task to play.
+        solver: a name, ``module:Factory``, or a class or function.
+        settings: settings of the solver.
+        timeout_s: longest time of a call. With a limit the solver has a process of its own, and its time is taken there.
+        clock: clock of the measurement; ``time.process_time`` counts CPU time, which a busy machine disturbs little.
+
+    Returns:
+        the cost, or None if the solver raises an exception or no epoch is left after the warm-up.
     """
     given = dict(settings or {})
     same = solver == YARDSTICK and not given
@@ -73,6 +79,6 @@ def measure_cost(
 
 
 def cost_of(job: Job, where: Runner) -> Cost | None:
-    """Cost of a job's solver, measured in a worker where there are some; None if it raises or ends that."""
+    """Measure the cost of a job's solver, in a worker if there are any; None if the solver raises or ends the worker."""
     what = job.task, job.solver, job.settings, job.epoch_timeout_s
     return where.call(measure_cost, *what) if isinstance(where, Processes) else measure_cost(*what)

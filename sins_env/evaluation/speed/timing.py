@@ -1,4 +1,4 @@
-"""Blocks of epochs with their times: a solver on the first runs of a task."""
+"""Timing of a solver on the first runs of a task, in blocks of epochs."""
 
 from __future__ import annotations
 
@@ -19,10 +19,15 @@ class Probe:
     """Some runs in lockstep, advanced block by block; the coarse phase belongs to the warm-up.
 
     Args:
-        host: the solver; a time limit, and where its time is taken, are the host's.
+        task: task to play.
+        host: solver with its time limit and its process.
+        runs: number of runs.
+        warm_up: number of fine epochs before the first block.
+        clock: clock of the measurement.
 
     Raises:
-        ValueError: several runs for a solver that takes one at a time. EstimatorError: the estimator fails.
+        ValueError: several runs for a solver that takes one at a time.
+        EstimatorError: the estimator fails.
     """
 
     def __init__(
@@ -37,11 +42,11 @@ class Probe:
 
     @property
     def left(self) -> int:
-        """Epochs that are still to be played."""
+        """Number of epochs that are still to be played."""
         return self._loop.left
 
     def advance(self, epochs: int) -> tuple[Array, Array]:
-        """The next epochs, as far as there are any: seconds of the estimator and of the environment, (n,) each."""
+        """Play up to ``epochs`` epochs; return the seconds of the estimator and of the environment in each, (n,) both."""
         times = np.empty((min(epochs, self.left), 2))
         for spent, epoch in zip(times, self._loop, strict=False):
             spent[:] = epoch.estimator_s, epoch.env_s

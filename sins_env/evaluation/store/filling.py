@@ -1,6 +1,6 @@
-"""Filling a results file: the runs of many evaluations that it does not hold yet, as one queue.
+"""Filling of a results file: the runs of many evaluations that it does not have yet are one queue of jobs.
 
-No worker waits for the last runs of one evaluation to end; an interrupted command goes on where it was.
+No worker waits for the last runs of one evaluation, and an interrupted command continues where it was.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sins_env.evaluation.tasks.task import EvaluationTask, suite_hash
 
 
 class Evaluation(NamedTuple):
-    """Runs of one solver on one task, and where they are in a results file."""
+    """Runs of one solver on one task, with their key in a results file."""
 
     task: EvaluationTask
     solver: str
@@ -32,11 +32,16 @@ class Evaluation(NamedTuple):
     def of(
         cls, task: EvaluationTask, solver: str, settings: Mapping[str, Any], runs: Iterable[int], seed: int | None
     ) -> Evaluation:
+        """Make an evaluation with the key of the suite and of the present code.
+
+        Raises:
+            ValueError: an unknown solver, or a setting that JSON does not have.
+        """
         key = Key.of(task.name, suite_hash(task, seed), solver, dict(settings), version.code_version(solver))
         return cls(task, solver, settings, tuple(runs), key)
 
     def missing(self, store: Store) -> list[int]:
-        """The runs that the file does not hold."""
+        """Return the numbers of the runs that the file does not have."""
         return sorted(set(self.runs) - store.runs_of(self.key))
 
 
@@ -52,15 +57,22 @@ def fill(
     epoch_timeout_s: float | None = None,
     resume: str = "the same command continues",
 ) -> None:
-    """Make the runs that are missing, in one queue and with progress; each portion is stored as it ends.
+    """Make the missing runs in one queue and with progress; each chunk is stored when it ends.
 
     Args:
-        timed: evaluations whose solver's cost is measured once all runs have ended, unless the file holds it already. It is
-            left out where a run was lost: that solver ends the process it is in.
-        resume: how to go on after Ctrl-C, in words.
+        store: results file.
+        wanted: evaluations to complete.
+        seed: seed of the suite; None takes that of each task.
+        timed: evaluations whose cost is measured after all runs, unless the file has it. It is not measured if a run was
+            lost, because such a solver ends the process it is in.
+        executor: "processes" or "dask".
+        workers: number of processes; None takes one per core.
+        chunk: runs per batch.
+        epoch_timeout_s: longest time of one call of a solver, s; None is no limit.
+        resume: advice on how to continue after Ctrl-C, in words.
 
     Raises:
-        KeyboardInterrupt: says what is in the file.
+        KeyboardInterrupt: Ctrl-C; the message tells how many runs the file has.
     """
 
     def job(one: Evaluation, runs: tuple[int, ...]) -> Job:
