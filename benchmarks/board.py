@@ -24,7 +24,7 @@ import numpy as np
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.rows import criteria_json
-from sins_env.evaluation.store.schema import COLUMNS
+from sins_env.evaluation.store.schema import RUN_COLUMNS
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks.catalogue import get_task
 
@@ -35,9 +35,9 @@ BOARD = [sys.executable, "-c", "from sins_env.cli.main import main; raise System
 def make_file(path: Path, tasks: Sequence[str] = TASKS, solvers: int = 40, runs: int = 1000) -> None:
     """Write a results file whose solvers differ by a per cent each, on common runs."""
     rng = np.random.default_rng(0)
-    sql = f"INSERT INTO runs ({', '.join(COLUMNS)}) VALUES ({', '.join('?' * len(COLUMNS))})"
+    sql = f"INSERT INTO runs ({', '.join(RUN_COLUMNS)}) VALUES ({', '.join('?' * len(RUN_COLUMNS))})"
     with Store(path) as store:
-        db = store._db
+        db = store.connection
         db.execute("BEGIN")
         for name in tasks:
             task = get_task(name)

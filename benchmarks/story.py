@@ -12,7 +12,7 @@ import numpy as np
 import suite
 
 from sins_env.cli.output import remark
-from sins_env.evaluation.report.figures import front
+from sins_env.evaluation.report.page_figures import front
 from sins_env.evaluation.score.paired import paired_ratio
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show.error_figure import band, size_of

@@ -107,7 +107,7 @@ def _play(verb: Verb) -> None:
 
 def _read_results(verb: Verb) -> None:
     """Add the verbs that read a results file."""
-    sub = verb("board", "verbs.stored:board", "the ranked table of a results file")
+    sub = verb("board", "verbs.results_file:board", "the ranked table of a results file")
     _add_choice(sub)
     form = sub.add_mutually_exclusive_group()
     for name, kind in (("md", "Markdown"), ("csv", "CSV"), ("json", "JSON")):
@@ -116,12 +116,12 @@ def _read_results(verb: Verb) -> None:
     sub.add_argument("--plot", metavar="FILE", help="draw errors over time and success against the threshold")
 
     text = "the results of a file as one HTML page: tables, figures, failures, provenance"
-    sub = verb("report", "verbs.stored:report", text)
+    sub = verb("report", "verbs.results_file:report", text)
     sub.add_argument("--html", required=True, metavar="FILE", help="where to write it")
     _add_choice(sub)
 
     text = "two solvers on the same runs: ratio of RMS, success and time, with intervals"
-    sub = verb("compare", "verbs.stored:compare", text)
+    sub = verb("compare", "verbs.results_file:compare", text)
     sub.add_argument("task", metavar="TASK", help="one that the file holds")
     sub.add_argument("solver", metavar="SOLVER", help="as it is called in the file")
     sub.add_argument("reference", metavar="SOLVER", help="the one that it is held against")
@@ -129,13 +129,15 @@ def _read_results(verb: Verb) -> None:
     sub.add_argument("--score", metavar="NAME", help=text)
     _add_db(sub)
 
-    sub = verb("export", "verbs.stored:export", "every run of a results file with all its scores")
+    sub = verb("export", "verbs.results_file:export", "every run of a results file with all its scores")
     form = sub.add_mutually_exclusive_group(required=True)
     for name in ("csv", "json", "parquet"):
         form.add_argument(f"--{name}", metavar="FILE")
     _add_choice(sub)
 
-    sub = verb("verify", "verbs.stored:verify", "run random rows of a results file again and compare", _VERIFY_CODES)
+    sub = verb(
+        "verify", "verbs.results_file:verify", "run random rows of a results file again and compare", _VERIFY_CODES
+    )
     sub.add_argument("--rows", type=count, default=20, metavar="N", help="how many (default 20)")
     sub.add_argument("--seed", type=seed, metavar="N", help=_SEED)
     text = "seed of the choice of rows (default: another each time)"
@@ -154,7 +156,9 @@ def _publish(verb: Verb) -> None:
     sub.add_argument("--out", default="reproduction", metavar="DIR", help="for REPRODUCTION.md and the runs")
     _add_workers(sub)
 
-    sub = verb("suite-hash", "verbs.stored:suite", "the hash of a secret suite seed, to be published first", _SUITE)
+    sub = verb(
+        "suite-hash", "verbs.results_file:suite", "the hash of a secret suite seed, to be published first", _SUITE
+    )
     sub.add_argument("--seed", type=seed, default="-", metavar="N", help="default: - reads it from standard input")
 
 

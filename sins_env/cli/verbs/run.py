@@ -93,14 +93,14 @@ def _run_table(given: Namespace, task: EvaluationTask, course: Course) -> Table:
             tables.add_rows(table, track.of_run(task, given.run, course))
     coarse = f" after {records.criteria.coarse_s:g} s of coarse alignment" if records.criteria.coarse_s else ""
     verdict = records.reason[0] or str(records.status[0])
-    times = f"times from the start of the fine phase{coarse}{_spans(records.criteria) if navigates else ''}"
+    times = f"times from the start of the fine phase{coarse}{averaging_spans(records.criteria) if navigates else ''}"
     heading = f"no reference to score against; heading at the end {np.degrees(records.heading[0]) % 360:.3f}°"
     table.caption = f"{verdict}; {times if scored else heading}"
     table.caption_justify = "left"
     return table
 
 
-def _spans(criteria: Criteria) -> str:
+def averaging_spans(criteria: Criteria) -> str:
     """Return the time spans of the RMS in a navigation task, for the caption."""
     steady = (criteria.num_epochs - criteria.steady_from + 1) * criteria.epoch_s
     return f"; RMS: of angles in the last {steady:g} s, of the others from {(criteria.span_from - 1) * criteria.epoch_s:g} s on"

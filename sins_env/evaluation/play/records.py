@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from sins_env.arrays import Array, Mask
 from sins_env.evaluation.play.criteria import COMPONENTS, NEES_AT, Criteria
+from sins_env.evaluation.play.divergence import FAILED_EPOCH, divergence
 from sins_env.evaluation.play.fields import NEES_PARTS, Field, error, metadata
-from sins_env.evaluation.play.verdicts import FAILED_EPOCH, verdicts
 
 #: Components whose limits hold in the steady state only: a wrong attitude moves them until the filter has found it.
 LATE = slice(3, 9)
@@ -188,7 +188,7 @@ class Scorer:
         }
         if not c.scored:
             of_errors = {name: np.full_like(value, np.nan) for name, value in of_errors.items()}
-        status, reason = verdicts(c, self.failed_at, self.diverged_at, self.final)
+        status, reason = divergence(c, self.failed_at, self.diverged_at, self.final)
         found: dict[str, Any] = {
             "run": run, "status": status, "reason": reason, "traceback": ("",) * runs, "repairs": np.zeros(runs),
             "fallbacks": np.zeros(runs), "heading": np.full(runs, np.nan), "step_s": np.zeros(runs),

@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from sins_env.evaluation.report.figures import drawings
-from sins_env.evaluation.report.panel import DASHES, Drawing, Look, Task
+from sins_env.evaluation.report.page_figures import drawings
+from sins_env.evaluation.report.page_tables import Failure, Row, failures_of, heads_of, page_columns, rows_of, with_unit
+from sins_env.evaluation.report.panel import DASHES, Drawing, Lineup, Look
 from sins_env.evaluation.report.svg import LOOKS
-from sins_env.evaluation.report.tables import Failure, Row, failures_of, heads_of, page_columns, rows_of, with_unit
 from sins_env.evaluation.score import ranking
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show import footer
@@ -109,7 +109,7 @@ def _section(
     named = [one.label for one in group[:MOST_NAMED]]
     for label in named:
         looks.setdefault(label, Look(len(looks)))
-    task = Task(group, {label: looks[label] for label in named}, anchor)
+    lineup = Lineup(group, {label: looks[label] for label in named}, anchor)
     failures = failures_of(group)
     runs = [len(one.records) for one in group]
     first = group[0].summary
@@ -122,13 +122,13 @@ def _section(
         suite=group[0].suite,
         scored=first.scored,
         heads=heads_of(group),
-        rows=rows_of(lines, task),
+        rows=rows_of(lines, lineup),
         notes=footer.footer(group).split("\n"),
-        legend=[(label, task.looks[label]) for label in named],
+        legend=[(label, lineup.looks[label]) for label in named],
         others=len(group) - len(named),
-        has_bound=task.bound is not None,
-        holds=task.bound is not None and bool(task.bound.holds),
-        drawings=drawings(task),
+        has_bound=lineup.bound is not None,
+        holds=lineup.bound is not None and bool(lineup.bound.holds),
+        drawings=drawings(lineup),
         failures=failures[:MOST_REASONS],
         reasons_left=len(failures[MOST_REASONS:]),
         failed=sum(one.summary.failures for one in group),

@@ -50,7 +50,7 @@ class Drawing(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Task:
+class Lineup:
     """Solvers of a task, the best first, with their looks."""
 
     lines: Sequence[Results]
@@ -71,8 +71,8 @@ class Task:
 class Panel:
     """Figure with one pair of axes."""
 
-    def __init__(self, task: Task, name: str) -> None:
-        self.task, self.prefix = task, f"{task.prefix}-{name}"
+    def __init__(self, lineup: Lineup, name: str) -> None:
+        self.lineup, self.prefix = lineup, f"{lineup.prefix}-{name}"
         self.figure: Figure = new_figure(WIDTH / 72, HEIGHT / 72, dpi=72)
         self.axes: Axes = self.figure.add_subplot()
         self.names: dict[str, str] = {}
@@ -81,14 +81,14 @@ class Panel:
         """Return the style of a solver's line, and keep its label and ``told`` for a tooltip."""
         gid = f"named-{len(self.names)}"
         self.names[gid] = f"{one.label}{told and ': '}{told}"
-        look = self.task.looks.get(one.label)
+        look = self.lineup.looks.get(one.label)
         if look is None:
             return {"gid": gid, "color": PAGE["other"], "linewidth": 0.9, "zorder": 1.5}
         return {"gid": gid, "color": PAGE[look.name], "linestyle": STYLES[look.dash], "linewidth": 1.8, "zorder": 2.5}
 
     def told(self, one: Results) -> bool:
         """Return whether the solver has a look of its own."""
-        return one.label in self.task.looks
+        return one.label in self.lineup.looks
 
     def svg(self, title: str, description: str, **settings: Any) -> str:
         """Return the figure as SVG, with axes in the colours of the page; ``settings`` are those of ``Axes.set``."""

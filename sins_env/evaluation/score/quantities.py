@@ -64,7 +64,7 @@ def allowed(navigates: bool) -> Mapping[str, Quantity]:
     return QUANTITIES if navigates else AXIAL
 
 
-def find(name: str, navigates: bool) -> Quantity:
+def quantity(name: str, navigates: bool) -> Quantity:
     """Return the quantity of that name.
 
     Raises:
@@ -91,6 +91,6 @@ def run_errors(records: Records, name: str) -> tuple[Array, Array]:
         ValueError: no quantity of that name.
     """
     c = records.criteria
-    quantity = find(name, c.navigates)
+    one = quantity(name, c.navigates)
     over_time, final = (records.span_rms, records.span_final) if c.navigates else (records.steady_rms, records.final)
-    return length(over_time, quantity), length(final, quantity)
+    return length(over_time, one), length(final, one)

@@ -35,7 +35,7 @@ TAILS = np.array([0.5 * (1 - CONFIDENCE), 0.5 * (1 + CONFIDENCE)])
 
 
 @lru_cache(maxsize=3)
-def _counts(units: int, resamples: int) -> Array:
+def draw_counts(units: int, resamples: int) -> Array:
     """Return how often each unit was drawn in each resample, (resamples, units)."""
     rng = np.random.default_rng(SEED)
     out = np.empty((resamples, units))
@@ -57,7 +57,7 @@ def units_of(columns: Array) -> Array:
 
 def resampled(units: Array, resamples: int = RESAMPLES) -> Array:
     """Return the sums of columns (units, c) in the first ``resamples`` resamples: (resamples, c)."""
-    return _counts(len(units), RESAMPLES)[:resamples] @ units
+    return draw_counts(len(units), RESAMPLES)[:resamples] @ units
 
 
 @lru_cache(maxsize=8)

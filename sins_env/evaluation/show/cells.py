@@ -48,7 +48,7 @@ def median_time(one: Results) -> Cell:
     return Cell(seconds(one.summary.t_conv_median_s), seconds_interval(one.summary.t_conv_ci_s))
 
 
-def estimate(value: Estimate, unit: str) -> Cell:
+def with_interval(value: Estimate, unit: str) -> Cell:
     """Return a number with its interval, in ``unit``; large numbers of arcsec are shown as degrees."""
     as_angle = unit == "arcsec"
     return Cell((angle if as_angle else number)(value[0]), (angle_interval if as_angle else interval)(value[1]))
@@ -61,7 +61,7 @@ def bound_ratio(one: Results) -> Cell:
     return Cell(shown, note="below", mark="bad") if one.below_bound else Cell(shown)
 
 
-def nees(found: tuple[Nees, ...], dof: int) -> Cell:
+def consistency(found: tuple[Nees, ...], dof: int) -> Cell:
     """Return the mean NEES at the end over its expectation ``dof``; '-' without a NEES."""
     if not found:
         return Cell("-")

@@ -26,8 +26,8 @@ from sins_env.evaluation.show.cells import Cell
 from sins_env.evaluation.tasks.task import EvaluationTask
 
 
-class Place(IntEnum):
-    """Place of a column in a table, from left to right; columns of one place keep their order in the list."""
+class Slot(IntEnum):
+    """Slot of a column in a table, from left to right; columns of one slot keep their order in the list."""
 
     RUNS = 0
     TIME = 1
@@ -40,7 +40,7 @@ class Place(IntEnum):
     SPREAD = 8
 
 
-TABLES = TERMINAL, MARKDOWN, PAGE = "terminal", "Markdown", "page"
+TABLE_FORMS = TERMINAL, MARKDOWN, PAGE = "terminal", "Markdown", "page"
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,10 @@ class Column:
     key: str
     title: str = ""
     unit: str = ""
-    place: Place = Place.ERRORS
+    slot: Slot = Slot.ERRORS
     #: Cell of a solver in a table; None if only CSV and JSON have the score.
     cell: Callable[[Results], Cell] | None = None
-    tables: tuple[str, ...] = TABLES
+    tables: tuple[str, ...] = TABLE_FORMS
     markdown: str = ""  #: heading in Markdown, if it differs from title and unit
     #: Text that the page shows in small type below the title, instead of the unit.
     about: Callable[[Results], str] | None = None
@@ -86,10 +86,10 @@ class Column:
 
 
 def table_columns(group: Sequence[Results], form: str) -> list[Column]:
-    """Return the columns of a table of one task's solvers, from left to right; ``form`` is one of TABLES."""
+    """Return the columns of a table of one task's solvers, from left to right; ``form`` is one of TABLE_FORMS."""
     kinds = (None, group[0].records.criteria.navigates)
     there = [one for one in COLUMNS if one.cell and form in one.tables and one.navigates in kinds]
-    return sorted((column for column in there if any(map(column.known, group))), key=lambda column: column.place)
+    return sorted((column for column in there if any(map(column.known, group))), key=lambda column: column.slot)
 
 
 def data_columns(results: Sequence[Results]) -> list[Column]:
@@ -131,7 +131,7 @@ def estimate(key: str, title: str, unit: str, value: Callable[[Results], Estimat
 
     name = f"{key}_{word(unit)}" if unit else key
     usual: dict[str, Any] = {
-        "cell": lambda one: cells.estimate(value(one), unit), "drop": 9, "part": title, "intervals": "the other errors",
+        "cell": lambda one: cells.with_interval(value(one), unit), "drop": 9, "part": title, "intervals": "the other errors",
         "csv": (name, f"{key}_low", f"{key}_high"), "figures": figures, "json": json,
     }  # fmt: skip
     return Column(key, title, unit, **{**usual, **more})
@@ -172,7 +172,7 @@ def _armse(name: str) -> Column:
     drop, part = _SHOWN.get(name, (0, ""))
     return estimate(
         f"armse_{name}", quantity.name, quantity.unit_name, value, navigates=True, drop=drop, part=part, json=json,
-        main=lambda task: name == shown_headline(task), tables=TABLES if name in _SHOWN else (),
+        main=lambda task: name == shown_headline(task), tables=TABLE_FORMS if name in _SHOWN else (),
     )  # fmt: skip
 
 
@@ -201,7 +201,7 @@ def _median_heading(one: Results) -> Estimate:
 
 def _bound(title: str, about: Callable[[Results], str], **more: Any) -> Column:
     return Column(
-        "bound_ratio", title, "", Place.BOUND, cells.bound_ratio, about=about, drop=5, part="bound",
+        "bound_ratio", title, "", Slot.BOUND, cells.bound_ratio, about=about, drop=5, part="bound",
         known=lambda one: one.bound is not None, json=lambda one: {"bound_ratio": finite(one.headline_ratio)}, **more,
     )  # fmt: skip
 
@@ -215,7 +215,7 @@ def _nees(key: str, dof: int, found: Callable[[Results], tuple[Nees, ...]], navi
         return (found(one)[-1].mean / dof, found(one)[-1].inside) if found(one) else (None, None)
 
     return Column(
-        f"{key}_over_{dof}", f"NEES / {dof}", "", Place.CONSISTENCY, lambda one: cells.nees(found(one), dof), drop=4,
+        f"{key}_over_{dof}", f"NEES / {dof}", "", Slot.CONSISTENCY, lambda one: cells.consistency(found(one), dof), drop=4,
         part="NEES", known=lambda one: bool(found(one)), navigates=navigates, csv=(f"{key}_over_{dof}", f"{key}_in_band"),
         figures=figures,
     )  # fmt: skip
@@ -231,22 +231,22 @@ _COUNTS = ("diverged", "frozen", "raised", "lost", "repaired")
 #: Every score column, in the order of CSV and JSON.
 COLUMNS: list[Column] = [
     Column(
-        "runs", "runs", "", Place.RUNS, cells.runs, tables=(MARKDOWN,),
+        "runs", "runs", "", Slot.RUNS, cells.runs, tables=(MARKDOWN,),
         csv=("runs",), figures=lambda one: (one.summary.runs,), json=lambda one: {"runs": one.summary.runs},
     ),
     Column(
-        "success", "aligned", "", Place.RUNS, cells.success, tables=(MARKDOWN,), csv=("success",),
+        "success", "aligned", "", Slot.RUNS, cells.success, tables=(MARKDOWN,), csv=("success",),
         figures=lambda one: (one.summary.success,), json=lambda one: {"success": finite(one.summary.success)},
     ),
-    Column("aligned", "runs aligned", "", Place.RUNS, cells.aligned, tables=(TERMINAL, PAGE)),
+    Column("aligned", "runs aligned", "", Slot.RUNS, cells.aligned, tables=(TERMINAL, PAGE)),
     Column(
-        "t_conv_median", "median time", "s", Place.TIME, cells.median_time, navigates=False, drop=6, part="median time",
+        "t_conv_median", "median time", "s", Slot.TIME, cells.median_time, navigates=False, drop=6, part="median time",
         csv=("t_conv_median_s", "t_conv_low_s", "t_conv_high_s", "t_conv_restricted_mean_s"), figures=_times,
         json=lambda one: {"t_conv_median_s": finite(one.summary.t_conv_median_s)},
     ),
     _rms("E", "east", drop=3, part="east and north", intervals="east and north"),
     _rms("N", "north", drop=3, part="east and north", intervals="east and north"),
-    _rms("U", "azimuth", place=Place.RANKING, main=lambda task: True),
+    _rms("U", "azimuth", slot=Slot.RANKING, main=lambda task: True),
     _bound(
         "RMS / bound", lambda one: "azimuth", navigates=False, figures=_bound_figures,
         csv=("bound_ratio_e", "bound_ratio_n", "bound_ratio_u", "bound_holds", "below_bound"),
@@ -254,19 +254,19 @@ COLUMNS: list[Column] = [
     _bound("error / bound", lambda one: QUANTITIES[headline(one.task)].name, navigates=True),
     _nees("nees", 3, lambda one: one.summary.nees, navigates=False),
     Column(
-        "spread", "heading spread", "°", Place.SPREAD, cells.spread, markdown="spread, deg",
+        "spread", "heading spread", "°", Slot.SPREAD, cells.spread, markdown="spread, deg",
         known=lambda one: shares_headings(one.task), csv=("spread_deg", "spread_runs"),
         figures=lambda one: (one.spread.deg, one.spread.runs),
     ),
     Column(
-        "failures", "failed", "", Place.FAILURES, cells.failures, about=lambda one: "runs", markdown="failures",
+        "failures", "failed", "", Slot.FAILURES, cells.failures, about=lambda one: "runs", markdown="failures",
         ranks=by_failures, drop=8, part="failures", csv=_COUNTS,
         figures=lambda one: [one.summary.counts[name] for name in _COUNTS],
         json=lambda one: {"failures": one.summary.failures},
     ),
     Column("fallbacks", csv=("fallbacks",), figures=lambda one: (one.summary.fallbacks,)),
     Column(
-        "cost", "cost / ckf", "", Place.COST, cells.cost, drop=2, part="cost",
+        "cost", "cost / ckf", "", Slot.COST, cells.cost, drop=2, part="cost",
         csv=("cost_us", "cost_p95_us", "cost_ratio"), figures=lambda one: one.cost or (None,) * 3,
         json=lambda one: {"cost_ratio": one.cost.ratio if one.cost else None},
     ),
@@ -274,7 +274,7 @@ COLUMNS: list[Column] = [
     *map(_rms_of_span, QUANTITIES),
     *map(_over_bound, QUANTITIES),
     estimate(
-        "median_heading", "median heading at the end", "deg", _median_heading, place=Place.RANKING, navigates=True,
+        "median_heading", "median heading at the end", "deg", _median_heading, slot=Slot.RANKING, navigates=True,
         known=lambda one: by_failures(one.task), ranks=by_failures, csv=("median_heading_deg",),
         figures=lambda one: _median_heading(one)[:1],
         json=lambda one: {"median_heading_deg": finite(_median_heading(one)[0])},

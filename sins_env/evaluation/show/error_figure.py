@@ -12,14 +12,14 @@ from sins_env.evaluation.score.metrics import rms_band, success_profile
 from sins_env.evaluation.score.ranking import ranked
 from sins_env.evaluation.score.results import Results, by_task
 from sins_env.evaluation.show.style import (
-    _DOTTED,
-    _coarse,
-    _say_unscored,
-    _told_threshold,
+    DOTTED,
     bound_style,
     finish,
     new_figure,
+    say_unscored,
+    shade_coarse,
     style,
+    threshold_text,
 )
 from sins_env.units import ARCSEC, DEG
 
@@ -51,7 +51,7 @@ def error_figure(results: Sequence[Results]) -> Figure:
             _success(panels[2], lines, colours)
         if not lines[0].records.criteria.scored:
             for axes in panels:
-                _say_unscored(axes)
+                say_unscored(axes)
         runs = sorted({len(one.records) for one in lines})
         count = f"{runs[0]} runs" if len(runs) == 1 else f"{runs[0]} to {runs[-1]} runs"
         part.suptitle(f"{group[0].task.name}   {count}, shaded: 95 % intervals", x=0.01, ha="left", fontsize=12)
@@ -95,8 +95,8 @@ def _over_time(axes: Axes, curve: _Curve, lines: Sequence[Results], colours: Map
     finish(axes, curve.title, xlabel="time, s", ylabel=curve.unit_name, yscale="log")
     axes.set_xlim(0, criteria.duration_s)
     if curve.parts[0] < 3:
-        axes.axhline(criteria.delta[curve.parts[0]] / curve.unit, label=_told_threshold(task), **_DOTTED)
-    _coarse(axes, criteria.coarse_s)
+        axes.axhline(criteria.delta[curve.parts[0]] / curve.unit, label=threshold_text(task), **DOTTED)
+    shade_coarse(axes, criteria.coarse_s)
 
 
 def _success(axes: Axes, lines: Sequence[Results], colours: Mapping[str, int]) -> None:
@@ -107,7 +107,7 @@ def _success(axes: Axes, lines: Sequence[Results], colours: Mapping[str, int]) -
             axes.step(deltas / DEG, 100 * success, where="post", **style(colours[one.label]))
     held = f"azimuth within the threshold for the last {task.hold_s:g} s"
     finish(axes, held, xlabel="threshold, deg", ylabel="% of runs", xscale="log", ylim=(-3, 103))
-    axes.axvline(task.delta_azimuth_deg, **_DOTTED)
+    axes.axvline(task.delta_azimuth_deg, **DOTTED)
 
 
 def size_of(parts: Floats, of_component: bool) -> Floats:

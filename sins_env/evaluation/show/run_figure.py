@@ -13,11 +13,11 @@ from sins_env.evaluation.play.one_run import Course
 from sins_env.evaluation.show.style import (
     COLOURS,
     NO_REFERENCE,
-    _coarse,
-    _say_unscored,
     bound_style,
     finish,
     new_figure,
+    say_unscored,
+    shade_coarse,
 )
 from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.units import ARCSEC, DEG
@@ -83,14 +83,14 @@ def _run_panel(axes: Axes, row: _Row, course: Course, bound: Bound | None) -> No
     last = f"   at the end {error[-1]:+.3g} {row.unit_name}" if len(error) and criteria.scored else ""
     title = f"{row.name} error{last}"
     if not criteria.scored:
-        _say_unscored(axes)
+        say_unscored(axes)
     finish(axes, title, ylabel=row.unit_name)
     if delta is None:
         late = np.abs(error[len(error) // 5 :])  # the start, which is larger, is drawn logarithmic
         delta = _round_above(float(np.nan_to_num(late).max(initial=0.0)))
     axes.set_yscale("symlog", linthresh=2 * delta, linscale=2.0)
     _symlog_ticks(axes, delta, error)
-    _coarse(axes, criteria.coarse_s)
+    shade_coarse(axes, criteria.coarse_s)
 
 
 def _verdict(course: Course) -> str:

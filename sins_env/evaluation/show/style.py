@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 NO_REFERENCE = "no reference: errors are not scored"
-_DOTTED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (1, 1)), "linewidth": 1.2}
+DOTTED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (1, 1)), "linewidth": 1.2}
 
 
 def style(i: int) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def bound_style(bound: Bound, name: str = "Cramér-Rao bound") -> dict[str, Any]
     return {"label": f"{name}, a reference only", "linestyle": (0, (4, 3)), **line}
 
 
-def _say_unscored(axes: Axes) -> None:
+def say_unscored(axes: Axes) -> None:
     axes.text(0.5, 0.5, NO_REFERENCE, transform=axes.transAxes, ha="center", va="center", fontsize=9, color="0.35")
 
 
@@ -76,11 +76,11 @@ def few_labels(axis: Any) -> Callable[[float, Any], str]:
     return label
 
 
-def _told_threshold(task: EvaluationTask) -> str:
+def threshold_text(task: EvaluationTask) -> str:
     return f"threshold of the task: {task.delta_azimuth_deg:g} deg, {task.delta_level_arcsec:g} arcsec"
 
 
-def _coarse(axes: Axes, coarse_s: float) -> None:
+def shade_coarse(axes: Axes, coarse_s: float) -> None:
     """Shade the coarse phase, which is not scored."""
     if coarse_s:
         axes.axvspan(0, coarse_s, color="0.5", alpha=0.15, linewidth=0, label="coarse phase, not scored")

@@ -6,5 +6,6 @@ Read ``key``, ``schema``, ``rows``, ``database``, ``store``, ``filling``, then `
 
 from sins_env import moved
 
+_HERE = tuple(f"{__name__}.{name}" for name in ("store", "key", "database"))
 #: In version 0.1.0 this was a module; its names are found here still.
-__getattr__ = moved.forward(__name__, ("sins_env.evaluation.store.store",))
+__getattr__ = moved.forward(__name__, _HERE)

@@ -31,17 +31,17 @@ class Database:
         self.path = Path(path)
         if read_only and not self.path.exists():
             raise StoreError(f"{self.path}: no such results file; sins-env eval makes one")
-        with self._errors():
-            self._db = _open_read_only(self.path) if read_only else _connect(self.path)
+        with self.explaining():
+            self.connection = _open_read_only(self.path) if read_only else _connect(self.path)
             try:
                 self._check(read_only)
             except BaseException:
-                self._db.close()
+                self.connection.close()
                 raise
 
     def _check(self, read_only: bool) -> None:
         """Check and migrate the schema of an existing file; create that of a new one in one transaction."""
-        db = self._db
+        db = self.connection
         (version,) = db.execute("PRAGMA user_version").fetchone()
         (application,) = db.execute("PRAGMA application_id").fetchone()
         empty = db.execute("SELECT count(*) FROM sqlite_master").fetchone() == (0,)
@@ -58,7 +58,7 @@ class Database:
                 self._read_a_migrated_copy()
             return
         db.execute("PRAGMA journal_mode = WAL")
-        with self._transaction():
+        with self.transaction():
             if db.execute("SELECT count(*) FROM sqlite_master").fetchone() == (0,):
                 for statement in SCHEMA:
                     db.execute(statement)
@@ -69,9 +69,9 @@ class Database:
     def _read_a_migrated_copy(self) -> None:
         """Copy an older file into memory and migrate the copy, for a file opened to be read stays as it is."""
         copy = _connect(":memory:")
-        self._db.backup(copy)
-        self._db.close()
-        self._db = copy
+        self.connection.backup(copy)
+        self.connection.close()
+        self.connection = copy
         _migrate(copy)
 
     def __enter__(self) -> Self:
@@ -82,28 +82,31 @@ class Database:
 
     def close(self) -> None:
         """Close the file."""
-        self._db.close()
+        self.connection.close()
 
     @contextmanager
-    def _errors(self) -> Iterator[None]:
+    def explaining(self) -> Iterator[None]:
+        """Turn errors of SQLite into a StoreError that says which file and why."""
         try:
             yield
         except sqlite3.Error as error:
             raise StoreError(f"{self.path}: {_explain(error)}") from error
 
     @contextmanager
-    def _transaction(self) -> Iterator[None]:
-        self._db.execute("BEGIN IMMEDIATE")
+    def transaction(self) -> Iterator[None]:
+        """Do all of the block, or nothing."""
+        self.connection.execute("BEGIN IMMEDIATE")
         try:
             yield
-            self._db.execute("COMMIT")
+            self.connection.execute("COMMIT")
         except BaseException:
-            if self._db.in_transaction:
-                self._db.execute("ROLLBACK")
+            if self.connection.in_transaction:
+                self.connection.execute("ROLLBACK")
             raise
 
     @contextmanager
-    def _damage(self, what: str) -> Iterator[None]:
+    def reading(self, what: str) -> Iterator[None]:
+        """Turn what a damaged row raises into a StoreError that says what cannot be read."""
         try:
             yield
         except (TypeError, ValueError, KeyError, zlib.error) as error:

@@ -61,7 +61,7 @@ def bound_of(text: str) -> Bound | None:
 
 
 def to_row(key: Key, session: int, run: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Return the values of COLUMNS for a run, as :meth:`Records.row` gives it."""
+    """Return the values of RUN_COLUMNS for a run, as :meth:`Records.row` gives it."""
     told = [int(run[one.name]) if one.kind == "count" else str(run[one.name]) for one in TOLD]
     return (*key.values, int(run["run"]), key.settings, session, *told, *_numbers(SCORES, run))
 

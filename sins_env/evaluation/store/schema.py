@@ -29,7 +29,7 @@ def columns_of(fields: Iterable[Field]) -> list[str]:
     return [name for one in fields for name in one.columns]
 
 
-COLUMNS = [*KEY, "settings", "session", *columns_of([*TOLD, *SCORES])]
+RUN_COLUMNS = [*KEY, "settings", "session", *columns_of([*TOLD, *SCORES])]
 SPAN_COLUMNS = columns_of(SPANS)
 
 #: SQL condition of rows with an unusual word or count. A traceback never comes without a reason.

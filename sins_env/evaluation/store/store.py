@@ -24,8 +24,8 @@ from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.speed.cost import Cost
-from sins_env.evaluation.store.database import Database, StoreError
-from sins_env.evaluation.store.key import Key, canonical
+from sins_env.evaluation.store.database import Database
+from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.rows import (
     binding,
     bound_json,
@@ -41,7 +41,7 @@ from sins_env.evaluation.store.rows import (
     to_row,
     to_span,
 )
-from sins_env.evaluation.store.schema import COLUMNS, KEY, SPAN_COLUMNS, SPANS, TOLD, TROUBLE, columns_of
+from sins_env.evaluation.store.schema import KEY, RUN_COLUMNS, SPAN_COLUMNS, SPANS, TOLD, TROUBLE, columns_of
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.fingerprint import digest
 from sins_env.evaluation.tasks.task import EvaluationTask
@@ -77,24 +77,26 @@ class Store(Database):
 
     def runs_of(self, key: Key) -> set[int]:
         """Return the numbers of the runs of a key that the file has."""
-        with self._errors():
-            return {run for (run,) in self._db.execute(f"SELECT run FROM runs WHERE {_OF_KEY}", key.values)}
+        with self.explaining():
+            return {run for (run,) in self.connection.execute(f"SELECT run FROM runs WHERE {_OF_KEY}", key.values)}
 
     def add(self, key: Key, records: Records) -> None:
         """Write the rows of a chunk, all or none; rows that the file has already stay as they are."""
-        marks = ", ".join("?" * len(COLUMNS))
-        with self._errors(), self._transaction():
+        marks = ", ".join("?" * len(RUN_COLUMNS))
+        with self.explaining(), self.transaction():
             session = self._of_session()
             sql = "INSERT INTO tasks (task, criteria) VALUES (?, ?)"
             sql += " ON CONFLICT DO UPDATE SET criteria = coalesce(criteria, excluded.criteria)"
-            self._db.execute(sql, (key.task, criteria_json(records.criteria)))
-            sql = f"INSERT OR IGNORE INTO runs ({', '.join(COLUMNS)}) VALUES ({marks}) RETURNING id"
+            self.connection.execute(sql, (key.task, criteria_json(records.criteria)))
+            sql = f"INSERT OR IGNORE INTO runs ({', '.join(RUN_COLUMNS)}) VALUES ({marks}) RETURNING id"
             for run in map(records.row, range(len(records))):
-                new = self._db.execute(sql, to_row(key, session, run)).fetchone()
+                new = self.connection.execute(sql, to_row(key, session, run)).fetchone()
                 if new:
-                    self._db.execute("INSERT OR REPLACE INTO histories VALUES (?, ?)", (*new, to_blob(run["history"])))
+                    self.connection.execute(
+                        "INSERT OR REPLACE INTO histories VALUES (?, ?)", (*new, to_blob(run["history"]))
+                    )
                     if records.criteria.navigates:
-                        self._db.execute(_INSERT_SPAN, to_span(new[0], run))
+                        self.connection.execute(_INSERT_SPAN, to_span(new[0], run))
 
     def add_task(self, task: EvaluationTask) -> None:
         """Write the definition, digest and bound of a task, so that tables can be made from the file alone.
@@ -104,9 +106,9 @@ class Store(Database):
         """
         now, present = definition_json(task), digest(task)
         bound = bound_json(bounds.find(task))
-        with self._errors(), self._transaction():
+        with self.explaining(), self.transaction():
             sql = "SELECT definition, digest FROM tasks WHERE task = ?"
-            held, before = self._db.execute(sql, (task.name,)).fetchone() or (None, None)
+            held, before = self.connection.execute(sql, (task.name,)).fetchone() or (None, None)
             if held is not None and binding(held) != binding(now):
                 change = "its definition"
             elif before is not None and before != present:
@@ -114,7 +116,7 @@ class Store(Database):
             else:
                 sql = "INSERT INTO tasks (task, definition, digest, bound) VALUES (?, ?, ?, ?) ON CONFLICT DO UPDATE"
                 sql += " SET definition = excluded.definition, digest = excluded.digest, bound = excluded.bound"
-                self._db.execute(sql, (task.name, now, present, bound))
+                self.connection.execute(sql, (task.name, now, present, bound))
                 return
         raise ValueError(
             f"{self.path}: {task.name} has changed since its runs were made, {change}; they would not compare: "
@@ -135,21 +137,21 @@ class Store(Database):
 
     def _criteria(self, task: str) -> Criteria:
         text = self._of_task("criteria", task)
-        with self._damage(f"the criteria of {task}"):
+        with self.reading(f"the criteria of {task}"):
             return criteria_of(text or "")
 
     def _of_task(self, column: str, task: str) -> str | None:
-        with self._errors():
-            found = self._db.execute(f"SELECT {column} FROM tasks WHERE task = ?", (task,)).fetchone()
+        with self.explaining():
+            found = self.connection.execute(f"SELECT {column} FROM tasks WHERE task = ?", (task,)).fetchone()
         return found[0] if found else None
 
     def sessions(self, key: Key) -> list[Session]:
         """Return the sessions that made the runs of a key, the earliest first."""
         sql = f"""SELECT session, started, machine, versions, count(*) FROM runs
             LEFT JOIN sessions ON sessions.id = session WHERE {_OF_KEY} GROUP BY session ORDER BY session"""
-        with self._errors():
-            found = self._db.execute(sql, key.values).fetchall()
-        with self._damage("the sessions"):
+        with self.explaining():
+            found = self.connection.execute(sql, key.values).fetchall()
+        with self.reading("the sessions"):
             return [
                 Session(number, started, machine, json.loads(versions), runs)
                 for number, started, machine, versions, runs in found
@@ -158,14 +160,14 @@ class Store(Database):
     def add_cost(self, key: Key, cost: Cost) -> None:
         """Write or replace the cost of a step of the solver."""
         values = (key.task, key.solver, key.settings_hash, key.code)
-        with self._errors(), self._transaction():
+        with self.explaining(), self.transaction():
             row = (*values, self._of_session(), *cost)
-            self._db.execute("INSERT OR REPLACE INTO costs VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
+            self.connection.execute("INSERT OR REPLACE INTO costs VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
 
     def _of_session(self) -> int:
         if self._session is None:
             sql = "INSERT INTO sessions (versions, machine) VALUES (?, ?)"
-            self._session = self._db.execute(sql, (json.dumps(_versions()), _machine())).lastrowid
+            self._session = self.connection.execute(sql, (json.dumps(_versions()), _machine())).lastrowid
         assert self._session is not None
         return self._session
 
@@ -176,8 +178,8 @@ class Store(Database):
         """
         sql = f"""WITH groups AS (SELECT max(id) AS last FROM runs GROUP BY {", ".join(KEY[:-1])})
             SELECT task, suite, solver, settings, code FROM groups JOIN runs ON id = last ORDER BY last"""
-        with self._errors():
-            found = [Key(*row) for row in self._db.execute(sql)]
+        with self.explaining():
+            found = [Key(*row) for row in self.connection.execute(sql)]
         latest = {(key.task, key.suite, key.solver, key.settings): key for key in found}
         return [key for key in latest.values() if key.among(tasks, solvers)]
 
@@ -189,15 +191,15 @@ class Store(Database):
         """
         criteria = self._criteria(key.task)
         scores = scores_of(whole)
-        with self._errors():
+        with self.explaining():
             numbers = self._read("runs", columns_of(scores), key, runs)
             spans = self._read(_WITH_SPANS, SPAN_COLUMNS, key, runs) if criteria.navigates else None
             sql = f"SELECT run, {', '.join(columns_of(TOLD))} FROM runs WHERE {_OF_KEY} AND ({TROUBLE})"
-            odd = {run: told for run, *told in self._db.execute(sql, key.values)}
+            odd = {run: told for run, *told in self.connection.execute(sql, key.values)}
             blobs = None
             if whole or criteria.navigates:
                 blobs = [blob or b"" for _, blob in self._read(_WITH_HISTORIES, ["history"], key, runs)]
-        with self._damage(f"rows of {key.solver} on {key.task}"):
+        with self.reading(f"rows of {key.solver} on {key.task}"):
             known = parted(_array(numbers, columns_of(scores))[:, 1:], scores)
             known |= {} if spans is None else parted(_array(spans, SPAN_COLUMNS)[:, 1:], SPANS)
             records = to_records([row[0] for row in numbers], odd, known, criteria, blobs)
@@ -209,14 +211,14 @@ class Store(Database):
     ) -> list[tuple[Any, ...]]:
         """Return the number and these columns of the runs of a key, for the runs in ``runs`` or for all."""
         sql = f"SELECT run, {', '.join(columns)} FROM {tables} WHERE {_OF_KEY} ORDER BY run"
-        found = self._db.execute(sql, key.values).fetchall()
+        found = self.connection.execute(sql, key.values).fetchall()
         return found if runs is None else [row for row in found if row[0] in runs]
 
     def _cost(self, key: Key) -> Cost | None:
         sql = "SELECT median_us, p95_us, ratio FROM costs"
         sql += " WHERE task = ? AND solver = ? AND settings_hash = ? AND code = ?"
-        with self._errors():
-            found = self._db.execute(sql, (key.task, key.solver, key.settings_hash, key.code)).fetchone()
+        with self.explaining():
+            found = self.connection.execute(sql, (key.task, key.solver, key.settings_hash, key.code)).fetchone()
         return Cost(*found) if found else None
 
     def rows(self, key: Key, columns: Sequence[str]) -> Iterator[tuple[Any, ...]]:
@@ -225,16 +227,16 @@ class Store(Database):
         The columns may be among SPAN_COLUMNS, too.
         """
         sql = f"SELECT {', '.join(columns)} FROM {_WITH_SPANS} WHERE {_OF_KEY} ORDER BY run"
-        with self._errors():
-            yield from self._db.execute(sql, key.values)
+        with self.explaining():
+            yield from self.connection.execute(sql, key.values)
 
     def _task(self, name: str) -> tuple[EvaluationTask, Bound | Literal["ask"] | None]:
         """Return the task under which the runs were made, and its bound; the present ones if an older file has neither."""
         if name not in self._tasks:
-            with self._errors():
+            with self.explaining():
                 sql = "SELECT definition, bound FROM tasks WHERE task = ?"
-                definition, bound = self._db.execute(sql, (name,)).fetchone()
-            with self._damage(f"the definition of {name}"):
+                definition, bound = self.connection.execute(sql, (name,)).fetchone()
+            with self.reading(f"the definition of {name}"):
                 task = get_task(name) if definition is None else definition_of(definition)
                 self._tasks[name] = task, "ask" if bound is None else bound_of(bound)
         return self._tasks[name]
@@ -258,6 +260,3 @@ def _versions() -> dict[str, str]:
 
 def _machine() -> str:
     return f"{platform.node()} {platform.machine()} {platform.system()} {platform.release()}"
-
-
-__all__ = ["Key", "Session", "Store", "StoreError", "canonical"]

@@ -14,8 +14,8 @@ import pytest
 from sins_env.cli.main import main
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.play.records import score
-from sins_env.evaluation.report import figures, panel, svg, tables
 from sins_env.evaluation.report import page as report
+from sins_env.evaluation.report import page_figures, page_tables, panel, svg
 from sins_env.evaluation.score import ranking
 from sins_env.evaluation.show import cells, footer, numbers
 from sins_env.evaluation.speed.cost import Cost
@@ -160,8 +160,8 @@ def test_intervals_on_their_axis(file):
     """On a log axis from the least end to at most five times the median RMS; what is beyond is marked."""
     with Store(file, read_only=True) as db:
         lines = ranking.ranked([db.results(key) for key in db.keys([TASK.name])])
-    task = panel.Task([one for _, one in lines], {}, "t")
-    found = {row.name: row.whisker for row in tables.rows_of(lines, task)}
+    task = panel.Lineup([one for _, one in lines], {}, "t")
+    found = {row.name: row.whisker for row in page_tables.rows_of(lines, task)}
     ends = {one.label: np.array([one.summary.rms["U"], *one.summary.rms_ci["U"]]) for _, one in lines}
     low, usual = min(ci.min() for ci in ends.values()), np.median([ci[0] for ci in ends.values()])
     bound = task.bound.steady[2] / ARCSEC
@@ -172,7 +172,7 @@ def test_intervals_on_their_axis(file):
         np.testing.assert_allclose(found[name][:3], expected)
         assert found[name].bound == pytest.approx(np.log(bound / low) / np.log(5 * usual / low))
     assert found["worst"].value > 1 > found["better"].high
-    alone = tables.rows_of(lines[:1], panel.Task([lines[0][1]], {}, "t"))[0].whisker
+    alone = page_tables.rows_of(lines[:1], panel.Lineup([lines[0][1]], {}, "t"))[0].whisker
     assert min(alone) == 0
     assert max(alone) == 1
 
@@ -251,7 +251,7 @@ def drawn(monkeypatch, results):
     monkeypatch.setattr(panel, "inline", keep)
     lines = [one for _, one in ranking.ranked(results)]
     looks = {one.label: panel.Look(i) for i, one in enumerate(lines[:-1])}
-    captions = [d.caption for d in figures.drawings(panel.Task(lines, looks, "t"))]
+    captions = [d.caption for d in page_figures.drawings(panel.Lineup(lines, looks, "t"))]
     return out, lines, captions
 
 
@@ -300,7 +300,7 @@ def test_what_the_figures_draw(file, monkeypatch):
 
 def test_the_front():
     points = [(2.0, 3.0), (1.0, 5.0), (3.0, 4.0), (4.0, 1.0), (4.0, 2.0)]
-    assert figures.front(points) == [(1.0, 5.0), (2.0, 3.0), (4.0, 1.0)]
+    assert page_figures.front(points) == [(1.0, 5.0), (2.0, 3.0), (4.0, 1.0)]
 
 
 def test_forty_solvers_stay_small(tmp_path):

@@ -210,7 +210,7 @@ def test_compare_in_any_quantity():
     with pytest.raises(ValueError, match=r"score 'positon'.*position"):
         compare(a, b, "positon")
     with pytest.raises(ValueError, match=r"score 'position'.*azimuth"):
-        quantities.find("position", navigates=False)
+        quantities.quantity("position", navigates=False)
 
 
 # ---- a short flight ----
@@ -307,7 +307,7 @@ def test_results_file_board_export_and_verify(flight, found, tmp_path, monkeypat
     assert final == found.records.span_final[:, 3].tolist()
     assert cli("verify", "--rows", 4, "--workers", 1)[0] == 0
     with Store("results.sqlite") as db:
-        db._db.execute("UPDATE spans SET rms_vel_e = rms_vel_e * 1.001")
+        db.connection.execute("UPDATE spans SET rms_vel_e = rms_vel_e * 1.001")
     code, _, said = cli("verify", "--rows", 4, "--workers", 1)
     assert code == 1
     assert any("rms_vel_e_mps" in text for text in said)
@@ -353,7 +353,7 @@ def test_alignment_has_no_columns_of_navigation(short, tmp_path, monkeypatch, cl
     assert "armse" not in cli("board", "--csv")[1]
     assert "armse" not in cli("board", "--json")[1]
     with Store("results.sqlite", read_only=True) as db:
-        assert db._db.execute("SELECT count(*) FROM spans").fetchone() == (0,)
+        assert db.connection.execute("SELECT count(*) FROM spans").fetchone() == (0,)
 
 
 def test_a_terminal_of_any_width(found):

@@ -44,7 +44,7 @@ def common_noise(count, sigma, spread, seed=0):
 
 
 def test_counts_are_resamples():
-    counts = resampling._counts(50, 2000)
+    counts = resampling.draw_counts(50, 2000)
     assert np.all(counts.sum(axis=1) == 50)
     assert np.all(counts == np.round(counts))
     np.testing.assert_allclose(counts.mean(), 1.0)

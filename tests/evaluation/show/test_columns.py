@@ -11,11 +11,11 @@ from evaluation.score import test_navigation
 from evaluation.show.test_board import TASK, results, text_of
 
 from sins_env.evaluation.bound.bounds import Bound
-from sins_env.evaluation.report import page, tables
-from sins_env.evaluation.report.panel import Task
+from sins_env.evaluation.report import page, page_tables
+from sins_env.evaluation.report.panel import Lineup
 from sins_env.evaluation.score.resampling import median_interval
 from sins_env.evaluation.show import columns, plain_tables, terminal_tables
-from sins_env.evaluation.show.columns import MARKDOWN, PAGE, TERMINAL, Place
+from sins_env.evaluation.show.columns import MARKDOWN, PAGE, TERMINAL, Slot
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks.catalogue import get_task
@@ -88,7 +88,7 @@ def markdown(group):
 def test_every_table_has_the_titles_that_apply(group):
     lines, titles = group
     assert [column.title for column in columns.table_columns(lines, TERMINAL)] == titles
-    names = [title for title, _ in tables.heads_of(lines)]
+    names = [title for title, _ in page_tables.heads_of(lines)]
     assert sorted(names) == sorted(titles)
     plain = [column.title for column in columns.table_columns(lines, MARKDOWN)]
     assert plain == ["runs", "aligned", *titles[1:]]  # there the number of runs has a column of its own
@@ -108,8 +108,8 @@ def test_every_table_shows_what_its_columns_say(group):
     for column in columns.table_columns(lines, TERMINAL):
         assert all(word in text for one in lines for word in column.shown(one).value.split(", ")), column.title
     ranked = plain_tables.ranked(lines)
-    for row, (_, one) in zip(tables.rows_of(ranked, Task(lines, {}, "t")), ranked, strict=True):
-        assert row.cells == [column.shown(one) for column in tables.page_columns(lines)]
+    for row, (_, one) in zip(page_tables.rows_of(ranked, Lineup(lines, {}, "t")), ranked, strict=True):
+        assert row.cells == [column.shown(one) for column in page_tables.page_columns(lines)]
 
 
 def test_csv_and_json_have_every_figure_that_applies(group):
@@ -156,7 +156,7 @@ def median_at_end(one):
 @pytest.fixture
 def extra(monkeypatch):
     """What somebody writes who wants one more score: the median heading error of the final epoch."""
-    column = columns.estimate("median_final_heading", "final heading", "deg", median_at_end, place=Place.COST)
+    column = columns.estimate("median_final_heading", "final heading", "deg", median_at_end, slot=Slot.COST)
     monkeypatch.setattr(columns, "COLUMNS", [*columns.COLUMNS, column])
     return column
 

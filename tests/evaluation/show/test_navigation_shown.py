@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from evaluation.score.test_navigation import CRITERIA, FLIGHT, errors_of, solver
 
-from sins_env.cli.verbs.run import _spans
+from sins_env.cli.verbs.run import averaging_spans
 from sins_env.evaluation import compare, evaluate
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.play.records import Records, score
-from sins_env.evaluation.report import tables
-from sins_env.evaluation.report.figures import drawings
-from sins_env.evaluation.report.panel import Task
+from sins_env.evaluation.report import page_tables
+from sins_env.evaluation.report.page_figures import drawings
+from sins_env.evaluation.report.panel import Lineup
 from sins_env.evaluation.score.repeatability import shares_headings
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show import error_figure, footer, plain_tables, terminal_tables
@@ -69,7 +69,7 @@ def test_curves_are_of_the_lengths_in_the_table(monkeypatch):
         "sins_env.evaluation.report.panel.inline",
         lambda figure, name, *rest: drawn.setdefault(name, [line.get_ydata() for line in figure.axes[0].lines]) and "",
     )
-    captions = {d.title: d.caption for d in drawings(Task([one], {}, "t"))}
+    captions = {d.title: d.caption for d in drawings(Lineup([one], {}, "t"))}
     np.testing.assert_allclose(drawn["t-t-position_h"], [np.full(100, 5.0)], rtol=1e-6)
     assert len(drawn["t-t-level"]) == 1
     assert len(drawn["t-t-azimuth"]) == 2
@@ -85,7 +85,7 @@ def test_curves_are_of_the_lengths_in_the_table(monkeypatch):
 
 
 def test_failures_stand_beside_the_main_error_on_the_page(hot):
-    heads = [name for name, _ in tables.heads_of(hot)]
+    heads = [name for name, _ in page_tables.heads_of(hot)]
     assert heads[:4] == ["heading", "runs aligned", "failed", "median heading at the end"]
     assert heads.count("failed") == 1
     assert "median time" not in heads
@@ -94,11 +94,11 @@ def test_failures_stand_beside_the_main_error_on_the_page(hot):
 
 def test_a_task_without_the_bound_of_its_main_error_has_no_mark_for_it(hot):
     vars(hot[0])["bound_means"] = {"azimuth": float("nan")}
-    assert tables.whiskers(hot[:1])(hot[0]).bound is None
+    assert page_tables.whiskers(hot[:1])(hot[0]).bound is None
 
 
 def test_what_the_rms_of_a_run_are_over():
-    assert _spans(CRITERIA) == "; RMS: of angles in the last 60 s, of the others from 20 s on"
+    assert averaging_spans(CRITERIA) == "; RMS: of angles in the last 60 s, of the others from 20 s on"
 
 
 def test_one_window_has_no_spread():

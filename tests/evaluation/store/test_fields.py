@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import io
 import os
 import sqlite3
 import subprocess
@@ -150,9 +151,11 @@ def test_a_file_of_version_0_1_0_gives_the_same_table_and_export(fourth, tmp_pat
     with Store(fourth, read_only=True) as db:
         keys = db.keys()
         assert len(keys) == 2
-        assert plain_tables.as_csv([db.results(key) for key in keys]) == (DATA / "schema4.csv").read_text()
+        table = plain_tables.as_csv([db.results(key) for key in keys])
         export.export(db, keys, "csv", tmp_path / "runs.csv")
-    assert (tmp_path / "runs.csv").read_text() == (DATA / "schema4_runs.csv").read_text()
+    for now, name in ((table, "schema4.csv"), ((tmp_path / "runs.csv").read_text(), "schema4_runs.csv")):
+        rows, before = (list(csv.DictReader(io.StringIO(text))) for text in (now, (DATA / name).read_text()))
+        assert [{name: row[name] for name in before[0]} for row in rows] == before  # there may be more columns now
 
 
 _MORE = """

@@ -44,7 +44,7 @@ def check(rows=100, seed=None, **more):
 
 def tamper(sql):
     with Store("results.sqlite") as db:
-        db._db.execute(sql)
+        db.connection.execute(sql)
 
 
 def test_what_is_as_stored(short):

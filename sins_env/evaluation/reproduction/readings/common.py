@@ -108,7 +108,7 @@ def armse(name: str) -> Reader:
     """
 
     def read(results: Results) -> Estimate:
-        unit = quantities.find(name, True).unit
+        unit = quantities.quantity(name, True).unit
         found, runs = results.summary.navigation, len(results.records)
         assert found is not None
         value, (low, high) = found.armse[name]
@@ -136,7 +136,7 @@ def lengths(results: Results, name: str) -> Array:
     A run that raised has the worst error from there on.
     """
     records = results.records
-    return quantities.length(known_history(records)[:, records.criteria.span], quantities.find(name, True))
+    return quantities.length(known_history(records)[:, records.criteria.span], quantities.quantity(name, True))
 
 
 def failed(results: Results) -> Estimate:

@@ -9,7 +9,7 @@ import numpy as np
 
 from sins_env.arrays import Array
 from sins_env.evaluation.bound.bounds import Bound
-from sins_env.evaluation.report.panel import Drawing, Panel, Task
+from sins_env.evaluation.report.panel import Drawing, Lineup, Panel
 from sins_env.evaluation.report.svg import PAGE
 from sins_env.evaluation.score.metrics import success_profile
 from sins_env.evaluation.score.quantities import QUANTITIES
@@ -23,20 +23,20 @@ from sins_env.units import ARCSEC, DEG
 SAMPLES = 140  #: most points of a curve over time
 
 
-def drawings(task: Task) -> list[Drawing]:
+def drawings(lineup: Lineup) -> list[Drawing]:
     """Return all figures of a task; a recording without a reference has only its heading spread against the cost."""
-    costs = [_cost(task)] if any(one.cost for one in task.lines) else []
-    if not task.lines[0].summary.scored:
+    costs = [_cost(lineup)] if any(one.cost for one in lineup.lines) else []
+    if not lineup.lines[0].summary.scored:
         return costs
-    curves = CURVES if task.lines[0].summary.navigation is not None else CURVES[:2]
-    over_time = [_over_time(task, curve) for curve in curves]
-    return [*over_time, _aligned(task), _profile(task, azimuth=True), _profile(task, azimuth=False), *costs]
+    curves = CURVES if lineup.lines[0].summary.navigation is not None else CURVES[:2]
+    over_time = [_over_time(lineup, curve) for curve in curves]
+    return [*over_time, _aligned(lineup), _profile(lineup, azimuth=True), _profile(lineup, azimuth=False), *costs]
 
 
-def _best(task: Task, say: Any) -> str:
+def _best(lineup: Lineup, say: Any) -> str:
     """Return a text such as 'ckf 731", ekf 783", ...' of the first five."""
-    more = f"; and {len(task.lines) - 5} more" if len(task.lines) > 5 else ""
-    return ", ".join(f"{one.label} {say(one)}" for one in task.lines[:5]) + more
+    more = f"; and {len(lineup.lines) - 5} more" if len(lineup.lines) > 5 else ""
+    return ", ".join(f"{one.label} {say(one)}" for one in lineup.lines[:5]) + more
 
 
 def _shown(one: Results, axis: str = "U") -> str:
@@ -44,14 +44,14 @@ def _shown(one: Results, axis: str = "U") -> str:
     return text if text.endswith("°") else f"{text}″"
 
 
-def _over_time(task: Task, curve: Curve) -> Drawing:
+def _over_time(lineup: Lineup, curve: Curve) -> Drawing:
     parts, unit, name = list(curve.parts), curve.unit, curve.name
-    of_component = len(parts) > 1 and task.lines[0].summary.navigation is None  # as the columns of the table
-    panel, criteria = Panel(task, f"t-{curve.quantity}"), task.lines[0].records.criteria
+    of_component = len(parts) > 1 and lineup.lines[0].summary.navigation is None  # as the columns of the table
+    panel, criteria = Panel(lineup, f"t-{curve.quantity}"), lineup.lines[0].records.criteria
     axes, all_t = panel.axes, np.asarray(criteria.history_t, dtype=float)
     picked = np.unique(np.linspace(0, len(all_t) - 1, SAMPLES).round().astype(int))
     t, least = all_t[picked], np.inf
-    for one in task.back_to_front:
+    for one in lineup.back_to_front:
         told = panel.told(one)
         size = size_of(one.records.history[:, picked][..., parts], of_component)
         value, low, high = error_curve(size, unit, 400 if told else 1)
@@ -64,18 +64,18 @@ def _over_time(task: Task, curve: Curve) -> Drawing:
     delta = float(criteria.delta[parts[0]]) / unit if axial else None
     if delta is not None:
         axes.axhline(delta, color=PAGE["ink"], linestyle=(0, (1, 2)), linewidth=1.2)
-    if task.bound and max(parts) < task.bound.sigma.shape[1]:
-        sigma = size_of(task.bound.sigma[:, parts], of_component) / unit
-        axes.plot(task.bound.t, sigma, **_bound_style(task.bound))
+    if lineup.bound and max(parts) < lineup.bound.sigma.shape[1]:
+        sigma = size_of(lineup.bound.sigma[:, parts], of_component) / unit
+        axes.plot(lineup.bound.t, sigma, **_bound_style(lineup.bound))
         least = min(least, float(sigma.min()))
     if criteria.coarse_s:
         axes.axvspan(0, criteria.coarse_s, color=PAGE["grid"], alpha=0.5, linewidth=0)
     axes.set_yscale("log")
     if np.isfinite(least):
         axes.set_ylim(bottom=max(0.8 * least, 1e-4 * (delta or 0.0)))
-    what = f"RMS of the {name} error over runs against time. {curve.said(task)}."
+    what = f"RMS of the {name} error over runs against time. {curve.said(lineup)}."
     caption = "RMS over runs with 95 % bands" + (", of a component" if of_component else "")
-    if any(one.records.unfinished.any() for one in task.lines):
+    if any(one.records.unfinished.any() for one in lineup.lines):
         caption += "; runs that raised or were lost end there"
     if criteria.coarse_s:
         caption += f"; shaded: {criteria.coarse_s:g} s coarse alignment"
@@ -102,13 +102,15 @@ class Curve(NamedTuple):
         """Name of the unit."""
         return QUANTITIES[self.quantity].unit_name
 
-    def said(self, task: Task) -> str:
+    def said(self, lineup: Lineup) -> str:
         """Return the errors of the best solvers in words, for the description of the figure."""
-        if task.lines[0].summary.navigation is None:
+        if lineup.lines[0].summary.navigation is None:
             azimuth = self.quantity == "azimuth"
             say = _shown if azimuth else lambda one: f"{_shown(one, 'E')} east, {_shown(one, 'N')} north"
-            return f"In the steady state: {_best(task, say)}"
-        return f"Mean over time, {self.unit_name}: {_best(task, lambda one: number(_averaged(one, self.quantity)[0]))}"
+            return f"In the steady state: {_best(lineup, say)}"
+        return (
+            f"Mean over time, {self.unit_name}: {_best(lineup, lambda one: number(_averaged(one, self.quantity)[0]))}"
+        )
 
 
 CURVES = (
@@ -134,11 +136,11 @@ def _bound_style(bound: Bound) -> dict[str, Any]:
     return {"color": PAGE["ink"], "linewidth": 1.1, "linestyle": dash, "zorder": 3}
 
 
-def _aligned(task: Task) -> Drawing:
+def _aligned(lineup: Lineup) -> Drawing:
     """Draw the share of runs that have aligned by a time; runs that never align keep the curve below 100 %."""
-    panel, criteria = Panel(task, "al"), task.lines[0].records.criteria
+    panel, criteria = Panel(lineup, "al"), lineup.lines[0].records.criteria
     end = criteria.duration_s - criteria.coarse_s
-    for one in task.back_to_front:
+    for one in lineup.back_to_front:
         times = np.sort(one.records.aligned_s)
         known = times[np.isfinite(times)]
         part = 100 * np.arange(len(known) + 1) / len(times)
@@ -147,7 +149,7 @@ def _aligned(task: Task) -> Drawing:
             kept = np.unique(np.linspace(0, len(x) - 1, SAMPLES).round().astype(int))
             x, y = x[kept], y[kept]
         panel.axes.step(x, y, where="post", **panel.style(one, success_text(one.summary)))
-    said = _best(task, lambda one: success_text(one.summary))
+    said = _best(lineup, lambda one: success_text(one.summary))
     what = f"Part of the runs that are aligned, against time. At the end: {said}."
     title = "Runs aligned by a time"
     svg = panel.svg(
@@ -161,11 +163,11 @@ def _aligned(task: Task) -> Drawing:
     return Drawing(title, "all three errors within the thresholds from then on", svg)
 
 
-def _profile(task: Task, azimuth: bool) -> Drawing:
+def _profile(lineup: Lineup, azimuth: bool) -> Drawing:
     name, unit, unit_name = ("azimuth", DEG, "deg") if azimuth else ("level", ARCSEC, "arcsec")
-    panel, criteria = Panel(task, "pa" if azimuth else "pl"), task.lines[0].records.criteria
+    panel, criteria = Panel(lineup, "pa" if azimuth else "pl"), lineup.lines[0].records.criteria
     delta = float(criteria.delta[2 if azimuth else 0]) / unit
-    for one in task.back_to_front:
+    for one in lineup.back_to_front:
         deltas, success = success_profile(one.records)[slice(0, 2) if azimuth else slice(2, 4)]
         panel.axes.step(deltas / unit, 100 * success, where="post", **panel.style(one))
     panel.axes.axvline(delta, color=PAGE["ink"], linestyle=(0, (1, 2)), linewidth=1.2)
@@ -176,9 +178,7 @@ def _profile(task: Task, azimuth: bool) -> Drawing:
         largest = one.records.hold_max[:, index].reshape(len(one.records), -1).max(axis=1)
         return f"{100 * float((largest <= criteria.delta[index].min()).mean()):.0f} %"
 
-    what = (
-        f"Part of the runs within a threshold, against the threshold. At {delta:g} {unit_name}: {_best(task, within)}."
-    )
+    what = f"Part of the runs within a threshold, against the threshold. At {delta:g} {unit_name}: {_best(lineup, within)}."
     held = f"{name} within the threshold for the last {criteria.hold_s:g} s"
     title = f"Convergence profile, {name}"
     label = f"threshold of the {name}, {unit_name}"
@@ -193,16 +193,16 @@ def _profile(task: Task, azimuth: bool) -> Drawing:
     return Drawing(title, held, svg)
 
 
-def _cost(task: Task) -> Drawing:
+def _cost(lineup: Lineup) -> Drawing:
     """Draw error against cost, with the Pareto front."""
-    panel, scored = Panel(task, "co"), task.lines[0].summary.scored
-    relative = all(one.cost.ratio is not None for one in task.lines if one.cost)
+    panel, scored = Panel(lineup, "co"), lineup.lines[0].summary.scored
+    relative = all(one.cost.ratio is not None for one in lineup.lines if one.cost)
     points = []
-    for one in task.back_to_front:
+    for one in lineup.back_to_front:
         cost, y, ci = _position(one, relative)
         if not (np.isfinite(cost) and np.isfinite(y) and y > 0):
             continue
-        style, look = panel.style(one), task.looks.get(one.label)
+        style, look = panel.style(one), lineup.looks.get(one.label)
         colour, order = style["color"], style["zorder"]
         if np.isfinite(ci).all():
             panel.axes.plot([cost, cost], ci, color=colour, linewidth=1.2 if look else 0.8, zorder=order)
@@ -217,14 +217,14 @@ def _cost(task: Task) -> Drawing:
     if len(best) > 1:
         x, y = np.array(best).T
         panel.axes.step(x, y, where="post", color=PAGE["ink"], linewidth=1, linestyle=(0, (2, 2)), zorder=1)
-    main = task.lines[0].main_score
-    if scored and task.bound:
-        panel.axes.axhline(main.bound, **_bound_style(task.bound))
+    main = lineup.lines[0].main_score
+    if scored and lineup.bound:
+        panel.axes.axhline(main.bound, **_bound_style(lineup.bound))
     panel.axes.set(xscale="log", yscale="log")
     panel.axes.margins(x=0.12, y=0.1)
-    name, of_error = (main.name, main.unit) if _has_error(task.lines[0]) else ("heading spread", "deg")
+    name, of_error = (main.name, main.unit) if _has_error(lineup.lines[0]) else ("heading spread", "deg")
     unit = "cost of a step / ckf" if relative else "time of a step, µs"
-    said = _best(task, lambda one: f"{number(_position(one, relative)[0], 2)}, {_main(one)}" if scored else "")
+    said = _best(lineup, lambda one: f"{number(_position(one, relative)[0], 2)}, {_main(one)}" if scored else "")
     title = "Error against cost" if scored else "Spread against cost"
     told = f"{title}: {name} over the {unit}. {said}."
     caption = f"{name}{' with 95 % interval' if scored else ''}; dotted: the Pareto front"

@@ -21,7 +21,7 @@ _NAMES = (
 _UNITS = ("deg",) * 3 + ("m/s",) * 3 + ("m",) * 3
 
 
-def verdicts(
+def divergence(
     criteria: Criteria, failed_at: NDArray[np.int64], diverged_at: NDArray[np.int64], final: Array
 ) -> tuple[NDArray[np.str_], tuple[str, ...]]:
     """Status and reason of each run, from its first failed epoch, the epochs of its limits, and its errors at the end."""
