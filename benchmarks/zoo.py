@@ -6,7 +6,7 @@ import inspect
 import re
 
 import solvers
-from solvers import filters
+from solvers.registry import ESTIMATORS, FILTERS
 
 LONGEST = 158  #: largest number of characters of an idea; a longer one is cut down to the solver's title
 
@@ -23,8 +23,7 @@ UNSHOWN = (
 
 def names() -> list[str]:
     """Return every solver: the filters family by family, then the complete estimators."""
-    known = filters.names()
-    return [*known, *(name for name in solvers.names() if name not in known)]
+    return [*FILTERS, *sorted(ESTIMATORS)]
 
 
 def idea(name: str) -> str:
@@ -59,7 +58,7 @@ def _link(found: re.Match[str]) -> str:
 
 def _module(name: str) -> str:
     """Return the docstring of a filter's module; a complete estimator has none about it alone."""
-    cls = filters.FILTERS.get(name)
+    cls = FILTERS.get(name)
     return (inspect.getdoc(inspect.getmodule(cls)) or "") if cls else ""
 
 

@@ -138,6 +138,7 @@ MOVED = {
     "solvers.filters.mpf": "solvers.filters.kalman.mpf",
     "solvers.filters.particle_filter": "solvers.filters.particles.particle_filter",
     "solvers.filters.pf": "solvers.filters.particles.pf",
+    "solvers.filters.registry": "solvers.registry",
     "solvers.filters.sigma_point": "solvers.filters.sigma.sigma_point",
     "solvers.filters.square_root": "solvers.filters.sigma.square_root",
     "solvers.filters.student_t_ckf": "solvers.filters.robust.student_t_ckf",

@@ -1,4 +1,7 @@
-"""One factory per solver, ``zoo.ckf(**settings)``: what the entry points of ``sins_env.estimators`` name."""
+"""What the entry point ``solvers`` of the group ``sins_env.estimators`` offers: ``names()``, and a factory under each of them.
+
+zoo.ckf(form="square-root")
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,16 @@ import inspect
 from functools import partial
 
 import solvers
+from solvers.registry import class_of
+
+
+def names(package: str = "solvers") -> list[str]:
+    """The solvers whose classes a package or module defines: this project's own, or those that another has registered."""
+    return [name for name in solvers.names() if f"{class_of(name).__module__}.".startswith(f"{package}.")]
 
 
 def __getattr__(name: str) -> partial[solvers.Estimator]:
+    """The factory of a solver, with its docstring and its settings."""
     if name not in solvers.names():
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     factory = partial(solvers.make, name)

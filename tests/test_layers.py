@@ -32,6 +32,7 @@ LAYERS = (
     ("sins_env.cli",),
     ("sins_env",),
     ("solvers.types",),
+    ("solvers.registry",),
     ("solvers.blocks",),
     ("solvers.filters", "solvers.smoothing"),
     ("solvers.pipeline",),

@@ -6,12 +6,8 @@ Symbols: x, P mean and covariance, f, Q transition, z, h, R measurement, K gain,
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
+from solvers.registry import FILTERS, import_all, make_filter, names, register
 
-from solvers.filters.registry import FILTERS, make_filter, names, register
-
-for _module in pkgutil.walk_packages(__path__, f"{__name__}."):  # importing a filter's module registers it
-    importlib.import_module(_module.name)
+import_all(__path__, __name__)
 
 __all__ = ["FILTERS", "make_filter", "names", "register"]

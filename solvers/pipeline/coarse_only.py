@@ -9,6 +9,7 @@ from solvers.filters.brief import changed
 from solvers.pipeline import coarse
 from solvers.pipeline.coarse import Coarse
 from solvers.pipeline.integration import refuse_navigation
+from solvers.registry import register
 
 INERTIAL = ("two_vector", "svd", "aided")
 
@@ -54,6 +55,7 @@ class CoarseAligner:
         return self._coarse.attitude()
 
 
+@register("coarse_inertial")
 class CoarseInertial(CoarseAligner):
     """Coarse alignment in the inertial frame for the whole run. 000 section 2.4.
 
@@ -70,6 +72,7 @@ class CoarseInertial(CoarseAligner):
         super().__init__(method)
 
 
+@register("coarse_oba")
 class CoarseOba(CoarseAligner):
     """Optimisation-based alignment for the whole run (Wu et al. 2013): Wahba's problem in the inertial frame by the q-method.
 
@@ -81,6 +84,7 @@ class CoarseOba(CoarseAligner):
         self.aided = aided
 
 
+@register("coarse_analytic1")
 class CoarseAnalytic1(CoarseAligner):
     """Analytic coarse alignment of a base at rest from g, w, g x w, made a rotation. 000 section 6.2.1, method 1."""
 
@@ -88,6 +92,7 @@ class CoarseAnalytic1(CoarseAligner):
         super().__init__("analytic1")
 
 
+@register("coarse_analytic2")
 class CoarseAnalytic2(CoarseAligner):
     """Analytic coarse alignment of a base at rest from g, g x w, (g x w) x g, made a rotation. 000 section 6.2.1, method 2."""
 
@@ -95,6 +100,7 @@ class CoarseAnalytic2(CoarseAligner):
         super().__init__("analytic2")
 
 
+@register("coarse_analytic3")
 class CoarseAnalytic3(CoarseAligner):
     """Analytic coarse alignment of a base at rest from normalised g, g x w, (g x w) x g (TRIAD). 000 section 6.2.1, method 3."""
 

@@ -25,6 +25,7 @@ from solvers.filters.kalman.kf import KF
 from solvers.filters.sigma.ckf import CKF
 from solvers.pipeline.errors.alignment import DV, PHI
 from solvers.pipeline.estimator import Aligner
+from solvers.registry import register
 from solvers.types import Filter, Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
 
 Epoch = tuple[Transition, Measurement | None]
@@ -150,6 +151,7 @@ def _start(past: tuple[Epoch, ...], end: Array) -> Array:
     return start
 
 
+@register("two_pass")
 class TwoPass(Aligner):
     """The reference estimator: a cubature filter, and after 120 s a second, linear pass over all fixes from the start.
 

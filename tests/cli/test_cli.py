@@ -15,7 +15,7 @@ from places import ROOT
 
 import sins_env
 from sins_env.cli.describe import layout, listing, named
-from sins_env.evaluation.estimators import finding, version
+from sins_env.evaluation.estimators import offers, version
 from sins_env.evaluation.tasks import catalogue as tasks
 from sins_env.types import Observation
 
@@ -414,34 +414,15 @@ def test_names_of_installed_solvers(cli, monkeypatch):
     from importlib.metadata import EntryPoint
 
     points = [
-        EntryPoint("dead", PLUGIN + "DeadReckoning", finding.GROUP),
-        EntryPoint("gone", "no_such_module:X", finding.GROUP),
+        EntryPoint("dead", PLUGIN + "DeadReckoning", offers.GROUP),
+        EntryPoint("gone", "no_such_module:X", offers.GROUP),
     ]
-    monkeypatch.setattr(finding.importlib.metadata, "entry_points", lambda group: points)
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: points)
     assert cli("describe", "dead")[0] == 0
     assert "cannot be loaded" in cli("list", "solvers")[1]
     assert "did you mean 'dead'?" in cli("run", "sway-white-v0", "deat")[2][0]
     assert "cannot be loaded" in cli("check", "gone")[2][0]
     assert version.code_version("dead") == version.code_version(GOOD)
-
-
-def test_an_edit_of_installed_solvers_makes_every_row_stale(tmp_path, monkeypatch):
-    """A plug-in may be built on another package's solver."""
-    from importlib.metadata import EntryPoint
-
-    package = tmp_path / "somebodys"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    (package / "zoo.py").write_text("raise RuntimeError('never imported')")
-    monkeypatch.syspath_prepend(tmp_path)
-    points = [EntryPoint("theirs", "somebodys.zoo:X", finding.GROUP), EntryPoint("gone", "nowhere:X", finding.GROUP)]
-    monkeypatch.setattr(finding.importlib.metadata, "entry_points", lambda group: points)
-    before = version.code_version(GOOD)
-    assert version.code_version(GOOD) == before
-    (package / "zoo.py").write_text("raise RuntimeError('never imported!')")
-    assert version.code_version(GOOD) != before
-    monkeypatch.undo()
-    assert any(path.name == "ckf.py" for path in version._sources("solvers"))
 
 
 def test_descriptions_are_whole_sentences(cli, monkeypatch):

@@ -27,36 +27,36 @@ sins-env describe NAME all about one; of a table, sins-env reproduce NUMBER"""
 NO_SOLVERS = "none installed: pip install . in the project's directory, or use module:Factory"
 
 
-def _environment(env_id: str) -> tuple[str, ...]:
-    return (layout.summary(ENVIRONMENTS[env_id].single.__doc__),)
+Rows = Iterable[tuple[str, ...]]
 
 
-def _task(name: str) -> tuple[str, ...]:
-    task = TASKS[name]
-    return task.what, f'{task.delta_azimuth_deg:g} deg, {task.delta_level_arcsec:g}"'
+def _environments() -> Rows:
+    return ((env_id, layout.summary(vector.single.__doc__)) for env_id, vector in ENVIRONMENTS.items())
 
 
-def _solver(name: str) -> tuple[str, ...]:
-    """Return the description of a solver, or the error of one that cannot be loaded, which must not end the list."""
-    package = finding.provider(name)
-    try:
-        text = layout.summary(finding.describe(name)[0])
-    except ValueError as error:
-        text = layout.summary(f"cannot be loaded: {error}")
-    return (text + (f" [{package}]" if package else ""),)
+def _tasks() -> Rows:
+    for task in TASKS.values():
+        yield task.name, task.what, f'{task.delta_azimuth_deg:g} deg, {task.delta_level_arcsec:g}"'
 
 
-def _flight(name: str) -> tuple[str, ...]:
-    return (PROFILES[name].what,)
+def _solvers() -> Rows:
+    """Yield the description of each solver, or the error of one that cannot be loaded, which must not end the list."""
+    for one in finding.listing():
+        yield one.name, (one.error or layout.summary(one.about.text)) + (f" [{one.package}]" if one.package else "")
 
 
-def _published(number: str) -> tuple[str, ...]:
-    table = reproduction.TABLES[number]
-    return (f"{table.title} ({table.source})",)
+def _flights() -> Rows:
+    return ((name, profile.what) for name, profile in PROFILES.items())
 
 
-def _preset(name: str) -> tuple[str, ...]:
-    return (" and ".join(sensor for sensor, there in (("IMU", IMU_PRESETS), ("GPS", GPS_PRESETS)) if name in there),)
+def _published() -> Rows:
+    return ((number, f"{table.title} ({table.source})") for number, table in reproduction.TABLES.items())
+
+
+def _presets() -> Rows:
+    for name in dict.fromkeys([*IMU_PRESETS, *GPS_PRESETS]):
+        sensors = (sensor for sensor, there in (("IMU", IMU_PRESETS), ("GPS", GPS_PRESETS)) if name in there)
+        yield name, " and ".join(sensors)
 
 
 class Kind(NamedTuple):
@@ -64,17 +64,17 @@ class Kind(NamedTuple):
 
     names: Callable[[], Iterable[str]]
     columns: tuple[str, ...]
-    cells: Callable[[str], tuple[str, ...]]  #: function from a name to the cells beside it
+    rows: Callable[[], Rows]  #: each name with the cells beside it
     cites: bool = True  #: whether the descriptions cite the source documents
 
 
 KINDS = {
-    "environments": Kind(lambda: ENV_IDS, ("id", "what"), _environment),
-    "tasks": Kind(lambda: TASKS, ("name", "what", "aligned within"), _task),
-    "solvers": Kind(finding.names, ("name", "what"), _solver),
-    "flights": Kind(lambda: PROFILES, ("name", "what"), _flight),
+    "environments": Kind(lambda: ENV_IDS, ("id", "what"), _environments),
+    "tasks": Kind(lambda: TASKS, ("name", "what", "aligned within"), _tasks),
+    "solvers": Kind(finding.names, ("name", "what"), _solvers),
+    "flights": Kind(lambda: PROFILES, ("name", "what"), _flights),
     "tables": Kind(lambda: reproduction.TABLES, ("number", "what is printed"), _published),
-    "presets": Kind(lambda: dict.fromkeys([*IMU_PRESETS, *GPS_PRESETS]), ("name", "sensor"), _preset, cites=False),
+    "presets": Kind(lambda: dict.fromkeys([*IMU_PRESETS, *GPS_PRESETS]), ("name", "sensor"), _presets, cites=False),
 }
 
 
@@ -105,18 +105,17 @@ def _all_names() -> Table:
 
 def _one_kind(kind: str) -> Table:
     one = KINDS[kind]
-    names = list(one.names())
     table = layout.table(kind, *one.columns)
-    for name in names:
-        table.add_row(escape(name), *map(escape, one.cells(name)))
+    for row in one.rows():
+        table.add_row(*map(escape, row))
     if kind == "solvers":
-        _add_to_solvers(table, bool(names))
+        _add_to_solvers(table)
     return table
 
 
-def _add_to_solvers(table: Table, any_installed: bool) -> None:
+def _add_to_solvers(table: Table) -> None:
     """Add a row if no solver is installed, and a caption with the solvers that are hidden by others of the same name."""
-    if not any_installed:
+    if not table.row_count:
         table.add_row("-", NO_SOLVERS)
     if hidden := finding.shadowed():
         table.caption = f"not shown, for their names are taken: {', '.join(map(escape, hidden))}; use module:Factory"

@@ -59,12 +59,14 @@ def describe(given: Namespace, console: Console) -> int:
     for kind, presets in (("IMU", IMU_PRESETS), ("GPS", GPS_PRESETS)):
         if name in presets:
             found = _preset(kind, name, presets[name], console)
-    if name in finding.names() or ":" in name:
-        found = _solver(name, console)
     if is_flight(name):
         found = describe_flight(name, console)
     if not found and is_recording(name):
         found = describe_recording(name, console)
+    if not found and (
+        ":" in name or name in finding.names()
+    ):  # last: the names of other packages take a process to list
+        found = _solver(name, console)
     if not found:
         described = [kind for title, kind in KINDS.items() if title != "tables"]
         raise unknown("name", name, dict.fromkeys(found for kind in described for found in kind.names()))

@@ -1,26 +1,25 @@
-"""Finding solvers: by entry point in the group ``sins_env.estimators``, or as ``package.module:Factory``."""
+"""Finding solvers: by name, as installed packages offer them, or as ``package.module:Factory``."""
 
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
-import inspect
+import importlib.util
 import os
-import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sins_env.checks import unknown
+from sins_env.evaluation.estimators import offers
+from sins_env.evaluation.estimators.about import About, about
+from sins_env.evaluation.estimators.offers import EntryPoint, Offer, called, line, origin
 from sins_env.types import Estimator
 
-GROUP = "sins_env.estimators"
 Factory = Callable[..., Estimator]
 Solver = str | Factory
-
 
 #: what an estimator must have, and how it is written
 MEMBERS = {
@@ -28,59 +27,58 @@ MEMBERS = {
     "reset": "reset(self, task, rng, num_runs=1)",
     "step": "step(self, obs)",
 }
-OWN = "sins-env"  #: the distribution whose names nobody else can take
-EntryPoint = importlib.metadata.EntryPoint
 
 
 def names() -> list[str]:
-    """The solvers that installed packages offer."""
-    return sorted(offers())
+    """The solvers that are known by name: the project's own, and what other installed packages offer."""
+    return sorted({*offers.own(), *_foreign()})
 
 
-def offers() -> dict[str, list[EntryPoint]]:
-    """Entry points by name, each value once; the project's own solvers come alone."""
-    found: dict[str, list[EntryPoint]] = {}
-    packages: dict[int, EntryPoint] = {}
-    for point in importlib.metadata.entry_points(group=GROUP):
-        same = found.setdefault(point.name, [])
-        if point.value not in [other.value for other in same]:
-            same.append(point)
-        packages[id(point.dist)] = point
-    # a package's name is parsed anew whenever it is asked for: once for all its points
-    own = {dist for dist, point in packages.items() if _is_own(point)}
-    return {name: [p for p in points if id(p.dist) in own][:1] or points for name, points in found.items()}
-
-
-def _is_own(point: EntryPoint) -> bool:
-    return point.dist is not None and re.sub(r"[-_.]+", "-", point.dist.name).lower() == OWN
-
-
-def package_of(point: EntryPoint) -> str:
-    """The top-level package or module of an entry point, which may be misspelt; empty if so."""
-    return point.value.partition(":")[0].strip().partition(".")[0]
-
-
-def provider(solver: Solver) -> str | None:
-    """Name and version of the package that offers a solver by name; None for the project's own and for the unnamed."""
-    points = offers().get(solver, []) if isinstance(solver, str) else []
-    dists = [point.dist for point in points if point.dist is not None and not _is_own(point)]
-    return ", ".join(f"{dist.name} {dist.version}" for dist in dists) or None
+def _foreign() -> dict[str, list[Offer]]:
+    """What other packages offer under names that are not the project's own."""
+    own = offers.own()
+    found: dict[str, list[Offer]] = {}
+    for offer in offers.foreign():
+        if offer.name not in own:
+            found.setdefault(offer.name, []).append(offer)
+    return {name: [one for one in same if one.point.name == name] or same for name, same in found.items()}
 
 
 def is_own(solver: Solver) -> bool:
     """Whether a solver is the project's own, by name."""
-    return isinstance(solver, str) and any(_is_own(point) for point in offers().get(solver, []))
+    return isinstance(solver, str) and solver in offers.own()
+
+
+def is_foreign(name: str) -> bool:
+    """Whether another package offers a solver of that name."""
+    return any(point.name == name for point in offers.points()[1]) or name in _foreign()
+
+
+class Listed(NamedTuple):
+    """A solver that is known by name, its package (empty: the project's own), and why it cannot be loaded, if it cannot."""
+
+    name: str
+    package: str
+    about: About
+    error: str
+
+
+def listing() -> list[Listed]:
+    """The solvers that are known by name, each with what it says of itself; nothing of other packages is imported here."""
+    rows = [Listed(name, "", about(get()), "") for name, get in offers.own().items()]
+    for name, same in _foreign().items():
+        packages = ", ".join(filter(None, (offers.distribution(offer.point) for offer in same)))
+        try:
+            rows.append(Listed(name, packages, _told(same), ""))
+        except ValueError as error:
+            rows.append(Listed(name, packages, About("", {}), str(error)))
+    return sorted(rows)
 
 
 def shadowed() -> list[str]:
     """What other packages offer under a name of the project's own: found by its path only."""
-    own = {name for name, points in offers().items() if _is_own(points[0])}
-    points = importlib.metadata.entry_points(group=GROUP)
-    return sorted({f"{p.name} of {_origin(p)}" for p in points if p.name in own and not _is_own(p)})
-
-
-def _origin(point: EntryPoint) -> str:
-    return f"{point.dist.name} ({point.value})" if point.dist else point.value
+    own = offers.own()
+    return sorted({f"{offer.name} of {origin(offer.point)}" for offer in offers.foreign() if offer.name in own})
 
 
 def solver_name(solver: Solver) -> str:
@@ -93,6 +91,8 @@ def solver_name(solver: Solver) -> str:
 def find(solver: Solver) -> Factory:
     """The factory of a solver; the current directory is searched for modules, too.
 
+    A module of another package is imported only where its solver is asked for.
+
     Raises:
         ValueError: no such name, module or attribute (the nearest one is offered), or a module that fails to
         import.
@@ -103,43 +103,104 @@ def find(solver: Solver) -> Factory:
         return solver
     if ":" in solver:
         return _from_module(solver)
-    points = offers()
-    if solver not in points:
-        hint = "" if points else " (no solvers are installed: pip install . in the project's directory)"
-        if path := _module_of(solver):
-            raise ValueError(f"solver {solver!r} is a module; allowed: {path}:Factory, with a class or function of it")
-        raise ValueError(f"{unknown('solver', solver, points)}, or module:Factory{hint}")
-    point, *others = points[solver]
-    if others:
-        rivals = " and ".join(map(_origin, points[solver]))
-        raise ValueError(f"solver {solver!r} is offered by {rivals}; allowed: one of them, as module:Factory")
-    try:
-        factory = point.load()
-    except (Exception, SystemExit) as error:
-        raise ValueError(f"solver {solver!r} ({point.value}) cannot be loaded: {_line(error)}") from error
-    return _callable(factory, solver)
+    if own := offers.own().get(solver):
+        return called(own(), solver)
+    return _from_package(solver)
+
+
+def _from_package(name: str) -> Factory:
+    """A solver of another package, which is imported for it."""
+    for point in _offering(name):
+        try:
+            found = offers.load(point)
+        except (Exception, SystemExit) as error:
+            raise _unloadable(name, point, line(error)) from error
+        if name in found:
+            return called(found[name](), name)
+    raise _no_such(name)
+
+
+def _offering(name: str) -> Iterator[EntryPoint]:
+    """The entry points that may offer a solver: that of its name; else the one that lists it, for which a process is needed."""
+    if named := [point for point in offers.points()[1] if point.name == name]:
+        yield _only(named, name)
+    if listed := _foreign().get(name):
+        yield _only([offer.point for offer in listed], name)
+
+
+def _no_such(name: str) -> ValueError:
+    if path := _module_of(name):
+        return ValueError(f"solver {name!r} is a module; allowed: {path}:Factory, with a class or function of it")
+    known = names()
+    hint = "" if known else " (no solvers are installed: pip install . in the project's directory)"
+    return ValueError(f"{unknown('solver', name, known)}, or module:Factory{hint}")
+
+
+def _only(points: Sequence[EntryPoint], name: str) -> EntryPoint:
+    if len(points) > 1:
+        rivals = " and ".join(map(origin, points))
+        raise ValueError(f"solver {name!r} is offered by {rivals}; allowed: one of them, as module:Factory")
+    return points[0]
+
+
+def _unloadable(name: str, point: EntryPoint, why: str) -> ValueError:
+    return ValueError(f"solver {name!r} ({point.value}) cannot be loaded: {why}")
+
+
+def module_of(solver: Solver) -> str:
+    """The module of a solver that is not the project's own. It is looked for and not imported.
+
+    Raises:
+        ValueError: no such name or module.
+    """
+    if not isinstance(solver, str):
+        return str(getattr(solver, "__module__", ""))
+    if ":" not in solver:
+        for point in _offering(solver):
+            return point.value.partition(":")[0].strip()
+        raise _no_such(solver)
+    module = solver.partition(":")[0]
+    package = module.partition(".")[0]
+    _search_here()
+    if package not in sys.modules and importlib.util.find_spec(package) is None:
+        raise _no_module(solver, f"No module named {package!r}")
+    return module
+
+
+def _search_here() -> None:
+    """Let modules of the current directory be found."""
+    if os.getcwd() not in sys.path and "" not in sys.path:
+        sys.path.insert(0, os.getcwd())
+
+
+def _no_module(path: str, why: object) -> ValueError:
+    module, _, attribute = path.partition(":")
+    where = f"allowed: module:Factory, importable from {os.getcwd()}"
+    if found := _module_of(module):
+        where = f"did you mean {f'{found}:{attribute}'!r}?"
+    return ValueError(f"solver {path!r}: {why}; {where}")
 
 
 def _from_module(path: str) -> Factory:
+    """A class or function of a module, or what the module registers under that name."""
     module_name, _, attribute = path.partition(":")
-    if os.getcwd() not in sys.path and "" not in sys.path:
-        sys.path.insert(0, os.getcwd())
+    _search_here()
     try:
         module = importlib.import_module(module_name)
     except (Exception, SystemExit) as error:
         if isinstance(error, ModuleNotFoundError) and f"{module_name}.".startswith(f"{error.name}."):
-            where = f"allowed: module:Factory, importable from {os.getcwd()}"
-            if found := _module_of(module_name):
-                where = f"did you mean {f'{found}:{attribute}'!r}?"
-            raise ValueError(f"solver {path!r}: {error}; {where}") from error
-        raise ValueError(f"solver {path!r}: importing {module_name} failed with {_line(error)}") from error
+            raise _no_module(path, error) from error
+        raise ValueError(f"solver {path!r}: importing {module_name} failed with {line(error)}") from error
+    if mine := offers.registered(module_name).get(attribute):
+        return called(mine(), path)
     target: Any = module
     for part in attribute.split("."):
         if not hasattr(target, part):
             public = [name for name, value in vars(target).items() if callable(value) and not name.startswith("_")]
+            public += offers.registered(module_name)
             raise unknown(f"factory in {module_name}", attribute, public)
         target = getattr(target, part)
-    return _callable(target, path)
+    return called(target, path)
 
 
 def _module_of(name: str) -> str:
@@ -147,19 +208,6 @@ def _module_of(name: str) -> str:
     module = name.removesuffix(".py").removeprefix("./").replace("/", ".")
     file = Path(*module.split(".")).with_suffix(".py")
     return module if not file.is_absolute() and file.is_file() else ""
-
-
-def _callable(factory: Any, name: str) -> Factory:
-    if not callable(factory):
-        kind = type(factory).__name__
-        raise ValueError(
-            f"solver {name!r} is {'an' if kind[0] in 'aeiou' else 'a'} {kind}; allowed: a class or function"
-        )
-    return factory
-
-
-def _line(error: BaseException) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def make(solver: Solver, settings: Mapping[str, Any] | None = None) -> Estimator:
@@ -178,7 +226,7 @@ def make(solver: Solver, settings: Mapping[str, Any] | None = None) -> Estimator
         raise
     except (Exception, SystemExit) as error:
         what = f"settings {given}" if given else "no settings"
-        raise ValueError(f"solver {name!r} cannot be made with {what}: {_line(error)}") from error
+        raise ValueError(f"solver {name!r} cannot be made with {what}: {line(error)}") from error
     if missing:
         needed = "; ".join(MEMBERS[part] for part in missing)
         raise ValueError(
@@ -189,14 +237,24 @@ def make(solver: Solver, settings: Mapping[str, Any] | None = None) -> Estimator
     return estimator
 
 
-def describe(solver: Solver) -> tuple[str, dict[str, str]]:
-    """First paragraph of the docstring, and the settings with their defaults as text."""
-    factory = find(solver)
-    own = inspect.getdoc(factory)
-    text = own if own and own != inspect.getdoc(type(factory)) else inspect.getdoc(type(make(solver)))
-    settings: dict[str, str] = {}
-    for parameter in inspect.signature(factory).parameters.values():
-        if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY):
-            default = parameter.default
-            settings[parameter.name] = "required" if default is parameter.empty else repr(default)
-    return (text or "").split("\n\n")[0], settings
+def describe(solver: Solver) -> About:
+    """The first paragraph of the docstring, and the settings with their defaults as text.
+
+    What other packages offer by name describes itself in another process; nothing of them is imported here.
+
+    Raises:
+        ValueError: as :func:`find`.
+    """
+    by_name = isinstance(solver, str) and ":" not in solver and not is_own(solver)
+    if by_name and (found := _foreign().get(str(solver))):
+        return _told(found)
+    return about(find(solver))
+
+
+def _told(offered: Sequence[Offer]) -> About:
+    """What the one solver among offers of a name said of itself in the other process."""
+    first = offered[0]
+    point = _only([offer.point for offer in offered], first.name)
+    if first.error:
+        raise _unloadable(first.name, point, first.error)
+    return first.about

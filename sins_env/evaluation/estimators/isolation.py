@@ -36,7 +36,7 @@ def limit(solver: finding.Solver, timeout_s: float | None = None) -> float | Non
     that is not the project's own, for nobody knows what it does to its process. A name that nobody offers needs none.
     """
     named = isinstance(solver, str) and ":" not in solver
-    foreign = solver in finding.names() and not finding.is_own(solver) if named else True
+    foreign = not named or (not finding.is_own(solver) and finding.is_foreign(str(solver)))
     return math.inf if timeout_s is None and foreign else timeout_s
 
 

@@ -52,7 +52,7 @@ def measure_cost(
     """
     given = dict(settings or {})
     same = solver == YARDSTICK and not given
-    compared = not same and YARDSTICK in finding.names()
+    compared = not same and finding.is_own(YARDSTICK)
     own: list[float] = []
     other: list[float] = []
     with threadpool_limits(1), hosted(solver, given, timeout_s) as host, ExitStack() as stack:

@@ -35,7 +35,7 @@ from solvers.blocks.square_root import ROOTS
 from solvers.filters.adaptive.aukf import WindowedFilter
 from solvers.filters.adaptive.base import Past, Told
 from solvers.filters.base import count
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
 
 

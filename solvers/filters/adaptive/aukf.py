@@ -34,7 +34,7 @@ from sins_env.arrays import Array
 from sins_env.checks import keep, number, whole
 from solvers.blocks.noise import memory_weight, window_weights
 from solvers.filters.adaptive.base import AdaptiveFilter
-from solvers.filters.registry import register
+from solvers.registry import register
 
 #: Settings of the papers, without any safeguard.
 LITERAL = {"k0": 0, "guard": "none", "project": "none", "gate": 1.0}

@@ -38,7 +38,7 @@ from solvers.blocks.sigma_rules import Unscented
 from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
 from solvers.filters.hinfinity.inflation import admissible, inflate, largest, reciprocal_deviations
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Gaussian, Health, Innovation, Measurement, Transition
 
 

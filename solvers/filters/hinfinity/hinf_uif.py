@@ -25,7 +25,7 @@ from solvers.blocks.moments import moments
 from solvers.blocks.square_root import symmetrize
 from solvers.filters.base import count
 from solvers.filters.hinfinity.hinf import HinfBelief, UnscentedHinf
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Gaussian, Innovation, Measurement
 
 

@@ -34,7 +34,7 @@ from solvers.blocks.square_root import any_of, symmetrize
 from solvers.filters.base import count
 from solvers.filters.hinfinity.hinf import HinfBelief, UnscentedHinf
 from solvers.filters.hinfinity.inflation import inflate
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Function, Gaussian, Health, Innovation, Measurement, Moments, Transition
 
 UKF, HINF, MIXED = 0, 1, 2  #: the order of the three covariances

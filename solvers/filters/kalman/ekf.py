@@ -15,7 +15,7 @@ from functools import cached_property
 
 from solvers.blocks.moments import Linearized
 from solvers.filters.gaussian import GaussianFilter
-from solvers.filters.registry import register
+from solvers.registry import register
 
 
 @register("ekf")

@@ -24,7 +24,7 @@ from solvers.blocks.sigma_rules import Unscented
 from solvers.filters.base import settle
 from solvers.filters.brief import Brief
 from solvers.filters.gaussian import Belief, GaussianFilter, initial_belief
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Function, Gaussian, Innovation, Measurement, Transition
 
 

@@ -27,7 +27,7 @@ from solvers.blocks.conditioning import condition, gain
 from solvers.blocks.moments import Linearized, moments, standard_deviations, tangent_moments
 from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Moments, Transition
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from solvers.filters.kalman.ekf import EKF
-from solvers.filters.registry import register
+from solvers.registry import register
 
 
 @register("inekf")

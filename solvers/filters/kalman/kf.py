@@ -18,7 +18,7 @@ from typing import ClassVar
 
 from solvers.blocks.moments import Linearized
 from solvers.filters.gaussian import GaussianFilter
-from solvers.filters.registry import register
+from solvers.registry import register
 
 
 @register("kf")

@@ -35,7 +35,7 @@ from solvers.blocks.moments import Linearized, linear_moments, standard_deviatio
 from solvers.blocks.square_root import either, semidefinite_root, symmetrize
 from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Moments, Transition
 
 LARGEST = 10.0  #: squared residual over its expectation beyond which a fix does not loosen the model any further

@@ -47,7 +47,7 @@ from solvers.blocks.square_root import cholesky, finite_items, symmetrize
 from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
 from solvers.filters.mixtures.base import bayes
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Gaussian, Health, Innovation, Measurement, Transition
 
 

@@ -36,7 +36,7 @@ from solvers.blocks.mixtures import collapse, merge
 from solvers.blocks.moments import Linearized
 from solvers.filters.mixtures.angles import TURN, least_known_angle, slices
 from solvers.filters.mixtures.base import MixtureFilter, initial_mixture
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Function, Gaussian, Health, Innovation, Measurement, Transition
 
 ESTIMATES = ("mean", "best")

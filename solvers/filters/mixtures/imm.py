@@ -31,7 +31,7 @@ from solvers.blocks.mixtures import collapse
 from solvers.blocks.moments import Linearized, SigmaPoints
 from solvers.blocks.sigma_rules import Unscented
 from solvers.filters.mixtures.base import Mixture, MixtureFilter, initial_mixture
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Gaussian, Measurement, Transition
 
 

@@ -25,7 +25,7 @@ from solvers.blocks.moments import SigmaPoints
 from solvers.blocks.sigma_rules import Unscented
 from solvers.filters.gaussian import GaussianFilter
 from solvers.filters.particles.gaussian_particles import Belief, GaussianParticles
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Gaussian, NoiseLaw, Transition
 
 TOLD_WIDEN = 1.5  #: default of ``widen`` if the task tells a noise that is not Gaussian

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from sins_env.checks import choice, keep
 from solvers.filters.particles.gaussian_particles import GaussianParticles
 from solvers.filters.particles.random_points import POINTS
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Gaussian, NoiseLaw
 
 

@@ -42,7 +42,7 @@ from solvers.filters.particles.importance import (
 )
 from solvers.filters.particles.particle_filter import PREDICT, ROUGHEN, Cloud, ParticleFilter, log_weights
 from solvers.filters.particles.random_points import normals
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Function, Gaussian, Innovation, Measurement, Transition
 
 

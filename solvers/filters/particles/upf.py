@@ -35,7 +35,7 @@ from solvers.filters.base import count
 from solvers.filters.particles.importance import bandwidth, cloud_moments, fit, law_for, log_density, stand_in, through
 from solvers.filters.particles.particle_filter import PREDICT, ParticleFilter, log_weights
 from solvers.filters.particles.random_points import Keys, normals
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
 
 

@@ -32,7 +32,7 @@ from solvers.blocks.moments import Linearized, moments
 from solvers.blocks.square_root import either
 from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
-from solvers.filters.registry import register
+from solvers.registry import register
 from solvers.types import Gaussian, Health, Innovation, Measurement, NoiseLaw
 
 FIRST_SHARE, FIRST_COUNT = 0.1, 20.0  #: share from which learning starts, and the number of fixes that it counts for

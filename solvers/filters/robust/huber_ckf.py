@@ -16,10 +16,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from solvers.filters.registry import register
 from solvers.filters.robust.base import RobustFilter, settings_of
 from solvers.filters.robust.reweighting import Each, Huber
 from solvers.filters.sigma.ckf5 import FifthDegreeFilter
+from solvers.registry import register
 
 
 @register("huber_ckf")

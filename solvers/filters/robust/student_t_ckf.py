@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from sins_env.arrays import Array
-from solvers.filters.registry import register
 from solvers.filters.robust.base import RobustFilter
 from solvers.filters.robust.reweighting import StudentT
+from solvers.registry import register
 from solvers.types import Moments
 
 

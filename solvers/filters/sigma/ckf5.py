@@ -22,8 +22,8 @@ from solvers.blocks.sigma_rules import FifthDegree
 from solvers.blocks.square_root import either, indefinite
 from solvers.filters.base import choose, fall_back
 from solvers.filters.gaussian import GaussianFilter
-from solvers.filters.registry import register
 from solvers.filters.sigma.ckf import CKF
+from solvers.registry import register
 from solvers.types import Innovation, Linear, Measurement, Transition
 
 B = TypeVar("B", bound=Any)

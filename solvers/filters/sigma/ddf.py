@@ -19,8 +19,8 @@ from functools import cached_property
 
 from sins_env.checks import keep, number
 from solvers.blocks.factors import Differences
-from solvers.filters.registry import register
 from solvers.filters.sigma.square_root import SquareRootFilter
+from solvers.registry import register
 
 
 @register("ddf1")

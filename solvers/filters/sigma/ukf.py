@@ -20,8 +20,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from solvers.blocks.sigma_rules import Unscented
-from solvers.filters.registry import register
 from solvers.filters.sigma.sigma_point import SigmaPointFilter
+from solvers.registry import register
 
 
 @register("ukf")

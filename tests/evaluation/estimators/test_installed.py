@@ -13,7 +13,7 @@ from evaluation import plugins
 from places import ROOT
 
 from sins_env.cli.main import main
-from sins_env.evaluation.estimators import finding, version
+from sins_env.evaluation.estimators import finding, offers, version
 
 PACKAGE = ROOT / "examples" / "plugin_package"
 
@@ -88,14 +88,14 @@ class Points:
 
     @staticmethod
     def _point(package, name, value):
-        point = EntryPoint(name, value, finding.GROUP)
+        point = EntryPoint(name, value, offers.GROUP)
         return point._for(SimpleNamespace(name=package, version="1.2"))
 
 
 @pytest.fixture
 def offered(monkeypatch):
     def offer(*rows):
-        monkeypatch.setattr(finding.importlib.metadata, "entry_points", Points(*rows))
+        monkeypatch.setattr("importlib.metadata.entry_points", Points(*rows))
 
     return offer
 
@@ -113,7 +113,7 @@ def test_nobody_takes_a_name_of_the_projects_own(offered, capsys, monkeypatch, r
     assert finding.find("egg") is plugins.Lost
     assert (finding.is_own("ckf"), finding.is_own("egg"), finding.is_own(plugins.Lost)) == (True, False, False)
     assert finding.is_own("evaluation.plugins:DeadReckoning") is False
-    assert (finding.provider("ckf"), finding.provider("egg")) == (None, "cuckoo 1.2")
+    assert {one.name: one.package for one in finding.listing()} == {"ckf": "", "egg": "cuckoo 1.2"}
     assert main(["list", "solvers"]) == 0
     assert "taken: ckf of cuckoo (evaluation.plugins:Lost); use module:Factory" in " ".join(
         capsys.readouterr().out.split()
