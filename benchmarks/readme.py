@@ -16,7 +16,7 @@ import suite
 import zoo
 
 from sins_env.cli.output import remark
-from sins_env.evaluation.show.numbers import angle, number
+from sins_env.evaluation.show.numbers import angle_text, number_text
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
@@ -80,16 +80,16 @@ def _told(one: Entry, task: Entry, interval: bool = False) -> str:
     if task["ranked_by"] == "failures":
         return f"{text}, {one['failed']} of {one['runs']} failed"
     if task["bound"] is not None:
-        text += f", ×{number(one['bound_ratio'])}"
+        text += f", ×{number_text(one['bound_ratio'])}"
     if one["paired"] and task["ranked_by"] == "score":
-        text += f", {number(one['paired']['ratio'], 2)} of ckf"
+        text += f", {number_text(one['paired']['ratio'], 2)} of ckf"
     return text if task["ranked_by"] is None else f"{text}, {100 * one['success']:.0f} %"
 
 
 def _value(value: float | None, unit: str) -> str:
     if value is None:
         return "-"
-    text = angle(value) if unit == "arcsec" else number(value)
+    text = angle_text(value) if unit == "arcsec" else number_text(value)
     return text + ("" if text.endswith("°") else {"arcsec": "″", "deg": "°"}.get(unit, f" {unit}"))
 
 
@@ -115,7 +115,7 @@ def zoo_table(board: dict[str, Any]) -> str:
 
 
 def _cost(ratio: float | None) -> str:
-    return "-" if ratio is None else number(ratio, 2)
+    return "-" if ratio is None else number_text(ratio, 2)
 
 
 def _where(board: dict[str, Any], solver: str) -> str:
@@ -131,7 +131,7 @@ def _where(board: dict[str, Any], solver: str) -> str:
             before = one["failed"] - round(paired["failures"] * paired["runs"])
             won.append((one["failed"] / max(before, 1), f"{name} {one['failed']} failed, not {before}"))
         else:
-            won.append((paired["ratio"], f"{name} {number(paired['ratio'], 2)}"))
+            won.append((paired["ratio"], f"{name} {number_text(paired['ratio'], 2)}"))
     told = [text for _, text in sorted(won)]
     return ", ".join(told[:MOST]) + (f" and {len(told) - MOST} more" if len(told) > MOST else "") or "-"
 

@@ -12,7 +12,7 @@ import numpy as np
 import suite
 
 from sins_env.cli.output import remark
-from sins_env.evaluation.report.page_figures import front
+from sins_env.evaluation.report.page_figures import pareto_front
 from sins_env.evaluation.score.paired import paired_ratio
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show.error_figure import band, size_of
@@ -100,7 +100,7 @@ def _costs_of(board: Board, navigates: bool) -> dict[str, float]:
 
 
 def _costs(axes: Axes, points: Mapping[str, Point], named: Sequence[str]) -> None:
-    best = front(list(points.values()))
+    best = pareto_front(list(points.values()))
     axes.step(*np.array(best).T, where="post", color=COLOURS[0], linewidth=1, linestyle=(0, (2, 2)), zorder=1)
     axes.axhline(1.0, color="black", linewidth=1.1, zorder=1)
     leaders = {best[0], *(point for before, point in pairwise(best) if point[1] < BETTER * before[1])}

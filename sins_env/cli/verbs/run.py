@@ -83,7 +83,7 @@ def _run_table(given: Namespace, task: EvaluationTask, course: Course) -> Table:
         table.add_row(
             name,
             f"{records.final[0, j] / unit:+.4g}{sign}" if scored else "-",
-            f"{numbers.number(records.steady_rms[0, j] / unit)}{sign}" if scored else "-",
+            f"{numbers.number_text(records.steady_rms[0, j] / unit)}{sign}" if scored else "-",
             f"{records.criteria.delta[j] / unit:g}{sign}",
             "-" if not scored else f"{time:.1f} s" if np.isfinite(time) else Text("not aligned", style="red"),
         )
@@ -110,6 +110,6 @@ def _add_navigation(table: Table, records: Records) -> None:
     """Add rows with the lengths of position and velocity errors; the RMS is over the scored span."""
     for name in ("position_h", "position_v", "velocity_h", "velocity_v"):
         quantity = QUANTITIES[name]
-        over_time, final = (numbers.number(float(found[0]) / quantity.unit) for found in run_errors(records, name))
+        over_time, final = (numbers.number_text(float(found[0]) / quantity.unit) for found in run_errors(records, name))
         cells = (f"{value} {quantity.unit_name}" if records.criteria.scored else "-" for value in (final, over_time))
         table.add_row(quantity.name, *cells, "", "")

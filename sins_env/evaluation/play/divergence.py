@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env.arrays import Array
-from sins_env.evaluation.play.criteria import Criteria
+from sins_env.evaluation.play.criteria import COMPONENT_UNITS, Criteria
 
 STATUSES = ("ok", "diverged", "frozen", "raised", "lost")
 FAILED_EPOCH = "non-finite or zero action"  #: how the reason of a run with failed epochs begins
@@ -18,7 +18,6 @@ _NAMES = (
     "azimuth",
     *(f"{axis} {kind}" for kind in ("velocity", "position") for axis in ("east", "north", "vertical")),
 )
-_UNITS = ("deg",) * 3 + ("m/s",) * 3 + ("m",) * 3
 
 
 def divergence(
@@ -42,5 +41,5 @@ def divergence(
 
 
 def _limit(criteria: Criteria, j: int) -> str:
-    limit = float(criteria.limit[j])
-    return f"{math.degrees(limit) if j < 3 else limit:.3g} {_UNITS[j]}"
+    limit, unit = float(criteria.limit[j]), COMPONENT_UNITS[j]
+    return f"{math.degrees(limit):.3g} deg" if unit == "rad" else f"{limit:.3g} {unit}"

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env.arrays import Array
-from sins_env.evaluation.play.criteria import AXES, COMPONENT_UNITS, COMPONENTS, NEES_AT
+from sins_env.evaluation.play.criteria import AXES, COMPONENT_UNITS, COMPONENTS, NEES_AT, PHI
 
 #: How a column's heading ends in an export.
 SUFFIXES = {"rad": "_rad", "m/s": "_mps", "m": "_m", "s": "_s", "": ""}
-PHI = COMPONENTS[: len(AXES)]
 _DTYPES: dict[str, Any] = {"number": float, "count": np.int64, "word": np.str_, "curve": np.float32}
 NEES_PARTS = tuple(f"{round(100 * part)}" for part in NEES_AT)
 
@@ -65,13 +64,13 @@ class Field:
         return np.full((runs, self.width) if self.parts else (runs,), np.nan)
 
 
-def metadata(**said: Any) -> Mapping[str, Field]:
-    """Say of a dataclass field what it is: ``field(metadata=metadata(kind="count"))``."""
+def kept(**said: Any) -> Mapping[str, Field]:
+    """Say of a dataclass field what it is: ``field(metadata=kept(kind="count"))``."""
     return {"is": Field(**said)}
 
 
-def error(components: Sequence[str] = PHI, parts: Sequence[str] | None = None, **said: Any) -> Mapping[str, Field]:
+def error_of(components: Sequence[str] = COMPONENTS[PHI], **said: Any) -> Mapping[str, Field]:
     """Say that a field has an error of each of these components, by default of the misalignment along E, N, U."""
-    names = parts or ([axis.lower() for axis in AXES] if components == PHI else components)
+    parts = [axis.lower() for axis in AXES] if components == COMPONENTS[PHI] else components
     units = tuple(COMPONENT_UNITS[COMPONENTS.index(name)] for name in components)
-    return metadata(parts=tuple(names), units=units, components=tuple(components), **said)
+    return kept(parts=tuple(parts), units=units, components=tuple(components), **said)

@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env.arrays import Array, Mask
-from sins_env.evaluation.play.criteria import COMPONENTS, NEES_AT, Criteria
+from sins_env.evaluation.play.criteria import COMPONENTS, NEES_AT, PHI, SCORED, Criteria
 from sins_env.evaluation.play.divergence import FAILED_EPOCH, divergence
-from sins_env.evaluation.play.fields import NEES_PARTS, Field, error, metadata
+from sins_env.evaluation.play.fields import NEES_PARTS, Field, error_of, kept
 
 #: Components whose limits hold in the steady state only: a wrong attitude moves them until the filter has found it.
-LATE = slice(3, 9)
+LATE = SCORED.span("dv", "dp")
 _NEES = {"parts": NEES_PARTS, "units": ("",) * len(NEES_PARTS)}
 
 
@@ -33,35 +33,35 @@ class Records:
     """Runs of one solver on one task, one row per run. rad, and s from the start of fine alignment."""
 
     criteria: Criteria
-    run: NDArray[np.int64] = field(metadata=metadata(kind="count"))  #: (R,) their numbers
+    run: NDArray[np.int64] = field(metadata=kept(kind="count"))  #: (R,) their numbers
     #: (R,) one of STATUSES
-    status: NDArray[np.str_] = field(metadata=metadata(kind="word", usual="ok"))
+    status: NDArray[np.str_] = field(metadata=kept(kind="word", usual="ok"))
     #: (R,) one line; empty where nothing went wrong
-    reason: tuple[str, ...] = field(metadata=metadata(kind="text", usual="", compared=False))
-    traceback: tuple[str, ...] = field(metadata=metadata(kind="text", usual="", compared=False))  #: (R,)
-    repairs: NDArray[np.int64] = field(metadata=metadata(kind="count", usual=0))  #: (R,) covariance repairs
+    reason: tuple[str, ...] = field(metadata=kept(kind="text", usual="", compared=False))
+    traceback: tuple[str, ...] = field(metadata=kept(kind="text", usual="", compared=False))  #: (R,)
+    repairs: NDArray[np.int64] = field(metadata=kept(kind="count", usual=0))  #: (R,) covariance repairs
     #: (R,) times that a safeguard replaced the estimator's own rule
-    fallbacks: NDArray[np.int64] = field(metadata=metadata(kind="count", usual=0, since=2))
+    fallbacks: NDArray[np.int64] = field(metadata=kept(kind="count", usual=0, since=2))
     #: (R, 3) s; inf where censored; this and the errors are NaN where they are not scored
-    t_conv: Array = field(metadata=metadata(parts=("e", "n", "u"), units=("s",) * 3))
-    hold_max: Array = field(metadata=error(in_tables=False))  #: (R, 3) largest |error| of the last hold_s
-    steady_mean: Array = field(metadata=error(in_tables=False))  #: (R, 3)
-    steady_std: Array = field(metadata=error(in_tables=False))  #: (R, 3)
-    steady_rms: Array = field(metadata=error())  #: (R, 3)
-    final: Array = field(metadata=error())  #: (R, 3) error at T
+    t_conv: Array = field(metadata=kept(parts=("e", "n", "u"), units=("s",) * 3))
+    hold_max: Array = field(metadata=error_of(in_tables=False))  #: (R, 3) largest |error| of the last hold_s
+    steady_mean: Array = field(metadata=error_of(in_tables=False))  #: (R, 3)
+    steady_std: Array = field(metadata=error_of(in_tables=False))  #: (R, 3)
+    steady_rms: Array = field(metadata=error_of())  #: (R, 3)
+    final: Array = field(metadata=error_of())  #: (R, 3) error at T
     #: (R,) estimated at T; NaN where there is none, as in a run that raised
-    heading: Array = field(metadata=metadata(units=("rad",), components=("heading",)))
+    heading: Array = field(metadata=kept(units=("rad",), components=("heading",)))
     #: (R,) estimator time per run and epoch in its batch
-    step_s: Array = field(metadata=metadata(units=("s",), in_tables=False, compared=False))
+    step_s: Array = field(metadata=kept(units=("s",), in_tables=False, compared=False))
     #: (R, len(NEES_AT)); NaN where the estimator has no covariance, inf where it is none
-    nees: Array = field(metadata=metadata(**_NEES))
+    nees: Array = field(metadata=kept(**_NEES))
     #: (R, S, components) at criteria.history_t; NaN once the run has raised
-    history: NDArray[np.float32] = field(metadata=metadata(kind="curve", compared=False))
+    history: NDArray[np.float32] = field(metadata=kept(kind="curve", compared=False))
     #: (R, 12) over the scored span; (R, 0) where the task does not navigate, as the fields below
-    span_rms: Array = field(metadata=error(COMPONENTS, column="rms", navigates=True, since=4))
-    span_final: Array = field(metadata=error(COMPONENTS, column="final", navigates=True, since=4))  #: (R, 12) at T
+    span_rms: Array = field(metadata=error_of(COMPONENTS, column="rms", navigates=True, since=4))
+    span_final: Array = field(metadata=error_of(COMPONENTS, column="final", navigates=True, since=4))  #: (R, 12) at T
     #: (R, len(NEES_AT)) as nees, of attitude, velocity and position together
-    nees_all: Array = field(metadata=metadata(**_NEES, navigates=True, since=4))
+    nees_all: Array = field(metadata=kept(**_NEES, navigates=True, since=4))
 
     def __len__(self) -> int:
         return len(self.run)
@@ -126,7 +126,7 @@ class Scorer:
 
     def add(self, errors: Array, failed: Mask) -> None:
         """The next n epochs: (R, n, components) and (R, n)."""
-        c, phi = self.criteria, errors[..., :3]
+        c, phi = self.criteria, errors[..., PHI]
         k = self.k + 1 + np.arange(phi.shape[1])
         self.k += phi.shape[1]
         size = np.abs(phi)
@@ -181,7 +181,7 @@ class Scorer:
             "steady_mean": mean,
             "steady_std": np.sqrt(variance),
             "steady_rms": np.sqrt(variance + mean**2),
-            "final": self.final[:, :3],
+            "final": self.final[:, PHI],
             "history": self.history,
             "span_rms": np.sqrt(self.span_squares / max(c.num_epochs - c.span_from + 1, 1)),
             "span_final": self.final,

@@ -17,10 +17,10 @@ from sins_env.evaluation.score.resampling import NO_INTERVAL, Interval
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show.cells import success_text
 from sins_env.evaluation.show.error_figure import error_curve, size_of
-from sins_env.evaluation.show.numbers import angle, number
+from sins_env.evaluation.show.numbers import angle_text, number_text
 from sins_env.units import ARCSEC, DEG
 
-SAMPLES = 140  #: most points of a curve over time
+CURVE_POINTS = 140  #: most points of a curve over time
 
 
 def drawings(lineup: Lineup) -> list[Drawing]:
@@ -40,7 +40,7 @@ def _best(lineup: Lineup, say: Any) -> str:
 
 
 def _shown(one: Results, axis: str = "U") -> str:
-    text = angle(one.summary.rms[axis])
+    text = angle_text(one.summary.rms[axis])
     return text if text.endswith("°") else f"{text}″"
 
 
@@ -49,7 +49,7 @@ def _over_time(lineup: Lineup, curve: Curve) -> Drawing:
     of_component = len(parts) > 1 and lineup.lines[0].summary.navigation is None  # as the columns of the table
     panel, criteria = Panel(lineup, f"t-{curve.quantity}"), lineup.lines[0].records.criteria
     axes, all_t = panel.axes, np.asarray(criteria.history_t, dtype=float)
-    picked = np.unique(np.linspace(0, len(all_t) - 1, SAMPLES).round().astype(int))
+    picked = np.unique(np.linspace(0, len(all_t) - 1, CURVE_POINTS).round().astype(int))
     t, least = all_t[picked], np.inf
     for one in lineup.back_to_front:
         told = panel.told(one)
@@ -108,9 +108,7 @@ class Curve(NamedTuple):
             azimuth = self.quantity == "azimuth"
             say = _shown if azimuth else lambda one: f"{_shown(one, 'E')} east, {_shown(one, 'N')} north"
             return f"In the steady state: {_best(lineup, say)}"
-        return (
-            f"Mean over time, {self.unit_name}: {_best(lineup, lambda one: number(_averaged(one, self.quantity)[0]))}"
-        )
+        return f"Mean over time, {self.unit_name}: {_best(lineup, lambda one: number_text(_averaged(one, self.quantity)[0]))}"
 
 
 CURVES = (
@@ -145,8 +143,8 @@ def _aligned(lineup: Lineup) -> Drawing:
         known = times[np.isfinite(times)]
         part = 100 * np.arange(len(known) + 1) / len(times)
         x, y = np.r_[0.0, known, end], np.r_[part, part[-1]]
-        if len(x) > SAMPLES:
-            kept = np.unique(np.linspace(0, len(x) - 1, SAMPLES).round().astype(int))
+        if len(x) > CURVE_POINTS:
+            kept = np.unique(np.linspace(0, len(x) - 1, CURVE_POINTS).round().astype(int))
             x, y = x[kept], y[kept]
         panel.axes.step(x, y, where="post", **panel.style(one, success_text(one.summary)))
     said = _best(lineup, lambda one: success_text(one.summary))
@@ -213,7 +211,7 @@ def _cost(lineup: Lineup) -> Drawing:
         }
         panel.axes.plot([cost], [y], color=colour, gid=style["gid"], zorder=order + 0.1, markeredgewidth=0, **marker)
         points.append((cost, y))
-    best = front(points)
+    best = pareto_front(points)
     if len(best) > 1:
         x, y = np.array(best).T
         panel.axes.step(x, y, where="post", color=PAGE["ink"], linewidth=1, linestyle=(0, (2, 2)), zorder=1)
@@ -224,7 +222,7 @@ def _cost(lineup: Lineup) -> Drawing:
     panel.axes.margins(x=0.12, y=0.1)
     name, of_error = (main.name, main.unit) if _has_error(lineup.lines[0]) else ("heading spread", "deg")
     unit = "cost of a step / ckf" if relative else "time of a step, µs"
-    said = _best(lineup, lambda one: f"{number(_position(one, relative)[0], 2)}, {_main(one)}" if scored else "")
+    said = _best(lineup, lambda one: f"{number_text(_position(one, relative)[0], 2)}, {_main(one)}" if scored else "")
     title = "Error against cost" if scored else "Spread against cost"
     told = f"{title}: {name} over the {unit}. {said}."
     caption = f"{name}{' with 95 % interval' if scored else ''}; dotted: the Pareto front"
@@ -247,10 +245,10 @@ def _has_error(one: Results) -> bool:
 def _main(one: Results) -> str:
     """Return the main score with its unit."""
     score = one.main_score
-    return _shown(one) if one.summary.navigation is None else f"{number(score.value)} {score.unit}"
+    return _shown(one) if one.summary.navigation is None else f"{number_text(score.value)} {score.unit}"
 
 
-def front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     """Return the Pareto front of points (cost, error), ordered by cost: no other point is both cheaper and better."""
     out: list[tuple[float, float]] = []
     for x, y in sorted(points):

@@ -13,7 +13,7 @@ from sins_env.evaluation.reproduction.running import Made
 from sins_env.evaluation.reproduction.showing import estimate_text, markdown
 from sins_env.evaluation.reproduction.tables import Outcome
 from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, OPEN, REPRODUCED, Estimate
-from sins_env.evaluation.show.numbers import number
+from sins_env.evaluation.show.numbers import number_text
 from sins_env.evaluation.show.templates import template
 from sins_env.evaluation.store.store import Store
 
@@ -34,12 +34,12 @@ class Found(NamedTuple):
     @property
     def value(self) -> str:
         """Our value."""
-        return number(self.ours.value)
+        return number_text(self.ours.value)
 
     @property
     def bound(self) -> str:
         """The bound of the same figure."""
-        return number(self.ours.bound)
+        return number_text(self.ours.bound)
 
     @property
     def holds(self) -> bool:
@@ -144,12 +144,12 @@ def paper(made: Sequence[Made], store: Store, quick: bool) -> str:
             for one in CLAIMS
             if not quick or papers.ran(one.table, one.group, one.line)
         ],
-        "extremes": [number(size) for size in printed_extremes()],
+        "extremes": [number_text(size) for size in printed_extremes()],
         "ran": papers.ran,
         "tallies": papers.tallies(),
         "sections": papers.sections(),
         "verdicts": VERDICTS,
-        "number": number,
+        "number": number_text,
         "quick": quick,
         "session": max(sessions.values(), key=lambda one: one.runs),
         "runs": sum(len(store.runs_of(key)) for key in keys),

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from sins_env.evaluation.reproduction.tables import Outcome, Table
 from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, OPEN, REPRODUCED, Estimate
-from sins_env.evaluation.show.numbers import number
+from sins_env.evaluation.show.numbers import number_text
 from sins_env.evaluation.show.style import titled
 
 _STYLES = {REPRODUCED: "green", IN_ORDER: "yellow", OPEN: "yellow", NOT: "red"}
@@ -26,7 +26,7 @@ def estimate_text(ours: Estimate) -> str:
     lost = f", {ours.lost} lost" if ours.lost else ""
     numbers = ours.value, ours.low, ours.high
     near = abs(ours.value - 1.0) < NEAR_ONE and math.isfinite(sum(numbers))
-    value, low, high = (f"{x:.3f}" if near else number(x) for x in numbers)
+    value, low, high = (f"{x:.3f}" if near else number_text(x) for x in numbers)
     exact = ours.low == ours.high if near else low == high
     return f"{value}{lost}" if exact else f"{value} [{low}, {high}]{lost}"
 
@@ -34,7 +34,13 @@ def estimate_text(ours: Estimate) -> str:
 def _cells(outcome: Outcome) -> Iterator[tuple[str, str, str, str, str]]:
     """Yield label, printed figure, ours, bound and verdict of each line."""
     for line, ours, verdict in zip(outcome.group.shown, outcome.ours, outcome.verdicts, strict=True):
-        yield line.label, line.printed.text if line.printed else "-", estimate_text(ours), number(ours.bound), verdict
+        yield (
+            line.label,
+            line.printed.text if line.printed else "-",
+            estimate_text(ours),
+            number_text(ours.bound),
+            verdict,
+        )
 
 
 def _columns(outcome: Outcome) -> list[int]:

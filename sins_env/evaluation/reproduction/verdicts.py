@@ -17,7 +17,7 @@ from scipy import special
 
 from sins_env.arrays import Array
 from sins_env.evaluation.score.resampling import TAILS, bca, resampled, units_of
-from sins_env.evaluation.show.numbers import number
+from sins_env.evaluation.show.numbers import number_text
 
 REPRODUCED, IN_ORDER, NOT, OPEN = "reproduced", "in order only", "not reproduced", "not told apart"
 LUCK = 0.05  #: share of our runs that are closer to zero than a printed single run may be; a closer one was lucky
@@ -53,7 +53,7 @@ class Printed(NamedTuple):
     @property
     def text(self) -> str:
         """The figure in words."""
-        return number(self.value)
+        return number_text(self.value)
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class PrintedMean:
     @property
     def text(self) -> str:
         """The figure in words."""
-        return number(self.value)
+        return number_text(self.value)
 
     def verdict(self, ours: Estimate) -> str:
         """Return "reproduced" if the two means differ by no more than their errors at 95 %."""
@@ -86,7 +86,7 @@ class PrintedRatio:
     @property
     def text(self) -> str:
         """The figure in words."""
-        return number(self.value)
+        return number_text(self.value)
 
     def verdict(self, ours: Estimate) -> str:
         """Return "reproduced" if it lies in our interval, or "not told apart" if this interval includes one.

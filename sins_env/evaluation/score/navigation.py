@@ -20,8 +20,8 @@ from sins_env.evaluation.score.consistency import Nees, consistency
 from sins_env.evaluation.score.quantities import QUANTITIES, Quantity, length, run_errors
 from sins_env.evaluation.score.resampling import Estimate
 
-RESAMPLES = 1000  #: number of resamples of a curve over time, which costs more than a single number
-SAMPLES = 100  #: number of times at which a curve is resampled
+CURVE_RESAMPLES = 1000  #: number of resamples of a curve over time, which costs more than a single number
+CURVE_TIMES = 100  #: number of times at which a curve is resampled
 
 
 @dataclass(frozen=True)
@@ -76,21 +76,21 @@ def ratio_of_time_means(a: Array, b: Array) -> Estimate:
 
 
 class _Resampled(NamedTuple):
-    """A time mean and its resamples, which use only SAMPLES of the times."""
+    """A time mean and its resamples, which use only CURVE_TIMES of the times."""
 
     value: Array  #: () mean over all times
     least: Array  #: () mean over the times that are resampled
-    drawn: Array  #: (RESAMPLES,) mean of each resample
+    drawn: Array  #: (CURVE_RESAMPLES,) mean of each resample
     without: Array  #: (units,) mean with one unit left out
 
 
 def _time_mean(errors: Array) -> _Resampled:
     squares = np.square(errors)
     curve = np.sqrt(squares.mean(axis=0))
-    picked = np.unique(np.linspace(0, len(curve) - 1, SAMPLES).round().astype(int))
+    picked = np.unique(np.linspace(0, len(curve) - 1, CURVE_TIMES).round().astype(int))
     units, (sizes, drawn_sizes) = resampling.units_of(squares[:, picked]), resampling.sizes(len(squares))
-    few = resampling.resampled(units, RESAMPLES)
-    drawn = np.sqrt(few / drawn_sizes[:RESAMPLES]).mean(axis=1)
+    few = resampling.resampled(units, CURVE_RESAMPLES)
+    drawn = np.sqrt(few / drawn_sizes[:CURVE_RESAMPLES]).mean(axis=1)
     total, count = units.sum(axis=0), len(squares)
     with np.errstate(divide="ignore", invalid="ignore"):  # a single run
         without = np.sqrt(np.maximum(total - units, 0) / (count - sizes)).mean(axis=1)

@@ -9,7 +9,14 @@ from sins_env.evaluation.score.consistency import Nees
 from sins_env.evaluation.score.metrics import Summary
 from sins_env.evaluation.score.resampling import Estimate
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show.numbers import angle, angle_interval, interval, number, seconds, seconds_interval
+from sins_env.evaluation.show.numbers import (
+    angle_interval_text,
+    angle_text,
+    interval_text,
+    number_text,
+    seconds_interval_text,
+    seconds_text,
+)
 
 
 class Cell(NamedTuple):
@@ -45,18 +52,21 @@ def success_text(s: Summary) -> str:
 
 def median_time(one: Results) -> Cell:
     """Return the median time to alignment, s, with its interval."""
-    return Cell(seconds(one.summary.t_conv_median_s), seconds_interval(one.summary.t_conv_ci_s))
+    return Cell(seconds_text(one.summary.t_conv_median_s), seconds_interval_text(one.summary.t_conv_ci_s))
 
 
 def with_interval(value: Estimate, unit: str) -> Cell:
     """Return a number with its interval, in ``unit``; large numbers of arcsec are shown as degrees."""
     as_angle = unit == "arcsec"
-    return Cell((angle if as_angle else number)(value[0]), (angle_interval if as_angle else interval)(value[1]))
+    return Cell(
+        (angle_text if as_angle else number_text)(value[0]),
+        (angle_interval_text if as_angle else interval_text)(value[1]),
+    )
 
 
 def bound_ratio(one: Results) -> Cell:
     """Return the main score over its bound, in brackets if the bound is only a reference."""
-    text = number(one.headline_ratio)
+    text = number_text(one.headline_ratio)
     shown = f"({text})" if one.bound and not one.bound.holds else text
     return Cell(shown, note="below", mark="bad") if one.below_bound else Cell(shown)
 
@@ -66,7 +76,7 @@ def consistency(found: tuple[Nees, ...], dof: int) -> Cell:
     if not found:
         return Cell("-")
     last = found[-1]
-    text = "inf" if math.isinf(last.mean) else number(last.mean / dof)
+    text = "inf" if math.isinf(last.mean) else number_text(last.mean / dof)
     return Cell(text, mark="good") if last.inside else Cell(text, note="outside", mark="fair")
 
 
@@ -83,7 +93,7 @@ def failure_text(summary: Summary) -> str:
 
 def cost(one: Results) -> Cell:
     """Return the time of a step over that of ``ckf``; '-' if it is not known."""
-    return Cell(number(one.cost.ratio, 2) if one.cost and one.cost.ratio is not None else "-")
+    return Cell(number_text(one.cost.ratio, 2) if one.cost and one.cost.ratio is not None else "-")
 
 
 def spread(one: Results) -> Cell:
@@ -95,5 +105,5 @@ def spread(one: Results) -> Cell:
     below = f"of {found.runs}" if found.runs < one.summary.runs else ""
     if one.task.records:
         low, high = found.interval
-        below = "" if math.isnan(low) else f"{number(low)}–{number(high)}"
-    return Cell(number(found.deg), below)
+        below = "" if math.isnan(low) else f"{number_text(low)}–{number_text(high)}"
+    return Cell(number_text(found.deg), below)

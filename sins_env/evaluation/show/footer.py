@@ -10,7 +10,7 @@ from sins_env.evaluation.score.quantities import QUANTITIES
 from sins_env.evaluation.score.repeatability import shares_headings
 from sins_env.evaluation.score.resampling import LEAST_RUNS
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show.numbers import number
+from sins_env.evaluation.show.numbers import number_text
 from sins_env.evaluation.tasks.task import EvaluationTask
 
 
@@ -34,7 +34,7 @@ def footer(results: Sequence[Results]) -> str:
             f"NEES / {s.nees_dof} is 1 where the solver's covariance is right, 95 % band {_bands(results)}{_silent(results)}."
         )
     lines += _bound_note(results)
-    helped = [f"{one.label} {number(one.summary.fallbacks)}" for one in results if one.summary.fallbacks]
+    helped = [f"{one.label} {number_text(one.summary.fallbacks)}" for one in results if one.summary.fallbacks]
     if helped:
         lines.append(f"Fallbacks per run, where a safeguard replaced the solver's own rule: {', '.join(helped)}.")
     if any(one.summary.counts["raised"] + one.summary.counts["lost"] for one in results):

@@ -7,7 +7,7 @@ import math
 from sins_env.evaluation.score.resampling import Interval
 
 
-def number(value: float, digits: int = 3) -> str:
+def number_text(value: float, digits: int = 3) -> str:
     """Return three significant digits, without an exponent below ten million; '-' for NaN, and 'never' for inf."""
     if math.isnan(value):
         return "-"
@@ -21,26 +21,26 @@ def number(value: float, digits: int = 3) -> str:
     return f"{value:,.{decimals}f}"
 
 
-def seconds(value: float) -> str:
+def seconds_text(value: float) -> str:
     """Return whole seconds, with tenths below ten."""
-    return number(value) if not math.isfinite(value) else f"{value:.{0 if value >= 10 else 1}f}"
+    return number_text(value) if not math.isfinite(value) else f"{value:.{0 if value >= 10 else 1}f}"
 
 
-def seconds_interval(ci: Interval) -> str:
+def seconds_interval_text(ci: Interval) -> str:
     """Return an interval such as '115–147'; empty if it is unknown, unbounded below or a point."""
-    return "" if not math.isfinite(ci[0]) or ci[0] == ci[1] else f"{seconds(ci[0])}–{seconds(ci[1])}"
+    return "" if not math.isfinite(ci[0]) or ci[0] == ci[1] else f"{seconds_text(ci[0])}–{seconds_text(ci[1])}"
 
 
-def angle(arcsec: float) -> str:
+def angle_text(arcsec: float) -> str:
     """Return arcseconds without a unit, or from 10,000 on degrees with their sign."""
-    return f"{number(arcsec / 3600)}°" if 1e4 <= arcsec < math.inf else number(arcsec)
+    return f"{number_text(arcsec / 3600)}°" if 1e4 <= arcsec < math.inf else number_text(arcsec)
 
 
-def angle_interval(ci: Interval) -> str:
+def angle_interval_text(ci: Interval) -> str:
     """Return an interval of angles given in arcsec; empty if it is unknown."""
-    return "" if math.isnan(ci[0]) else f"{angle(ci[0])}–{angle(ci[1])}".replace(",", "")
+    return "" if math.isnan(ci[0]) else f"{angle_text(ci[0])}–{angle_text(ci[1])}".replace(",", "")
 
 
-def interval(ci: Interval) -> str:
+def interval_text(ci: Interval) -> str:
     """Return an interval of numbers; empty if it is unknown."""
-    return "" if math.isnan(ci[0]) else f"{number(ci[0])}–{number(ci[1])}".replace(",", "")
+    return "" if math.isnan(ci[0]) else f"{number_text(ci[0])}–{number_text(ci[1])}".replace(",", "")

@@ -193,7 +193,7 @@ def test_no_verdict_on_a_reference():
     one = results("a", 1e-3, task=get_task("sway-anyheading-v0"))
     assert one.below_bound is None
     assert one.bound_ratio["U"] < 2e-3
-    assert cells.bound_ratio(one) == cells.Cell(f"({numbers.number(one.bound_ratio['U'])})")
+    assert cells.bound_ratio(one) == cells.Cell(f"({numbers.number_text(one.bound_ratio['U'])})")
     assert "only a reference here" in footer.footer([one])
     assert "leak" not in footer.footer([one])
 
@@ -257,7 +257,7 @@ def test_every_form_shows_the_ratio():
     assert [float(row[f"bound_ratio_{axis}"]) for axis in "enu"] == [one.bound_ratio[axis] for axis in "ENU"]
     assert (row["bound_holds"], row["below_bound"]) == ("True", "False")
     for text in (plain_tables.as_markdown([one]), draw(terminal_tables.table([one]), 100)):
-        assert numbers.number(ratio) in text.split()
+        assert numbers.number_text(ratio) in text.split()
         assert "Cramér-Rao" in text
     (row,) = csv.DictReader(io.StringIO(plain_tables.as_csv([results("a", 1.0, task=get_task("sway-scratch-v0"))])))
     assert (row["bound_holds"], row["below_bound"]) == ("False", "")

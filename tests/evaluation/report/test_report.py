@@ -145,9 +145,12 @@ def test_the_table_is_the_boards(file, page):
         assert row[0] == str(rank)
         assert row[1].startswith(one.solver.rpartition(":")[2])
         assert ("gain=2" in row[1]) == ("gain" in one.settings)
-        assert row[2] == f"{numbers.angle(s.rms['U'])} {numbers.angle_interval(s.rms_ci['U'])}"
+        assert row[2] == f"{numbers.angle_text(s.rms['U'])} {numbers.angle_interval_text(s.rms_ci['U'])}"
         assert row[4] == f"{cells.success_text(s)} of {s.runs}"
-        assert row[5] == f"{numbers.seconds(s.t_conv_median_s)} {numbers.seconds_interval(s.t_conv_ci_s)}".strip()
+        assert (
+            row[5]
+            == f"{numbers.seconds_text(s.t_conv_median_s)} {numbers.seconds_interval_text(s.t_conv_ci_s)}".strip()
+        )
         assert row[8].startswith(cells.bound_ratio(one).value)
         assert row[9].replace("\n", ", ") == cells.failure_text(s)
         assert row[10] == cells.cost(one).value
@@ -275,7 +278,7 @@ def test_what_the_figures_draw(file, monkeypatch):
     assert axes.get_ylim()[0] > 0.01
     bound = next(one for one in axes.lines if len(one.get_xdata()) == len(lines[0].bound.t))
     np.testing.assert_allclose(bound.get_ydata(), lines[0].bound.sigma[:, 2] / DEG)
-    assert f"better {numbers.angle(lines[0].summary.rms['U'])}″" in told
+    assert f"better {numbers.angle_text(lines[0].summary.rms['U'])}″" in told
     line = curve(*out["Level error over time"][:2], "better")
     expected = np.sqrt((r.history[:, at, :2] ** 2).mean(axis=(0, 2))) / ARCSEC
     np.testing.assert_allclose(line.get_ydata(), expected, rtol=1e-5)
@@ -300,7 +303,7 @@ def test_what_the_figures_draw(file, monkeypatch):
 
 def test_the_front():
     points = [(2.0, 3.0), (1.0, 5.0), (3.0, 4.0), (4.0, 1.0), (4.0, 2.0)]
-    assert page_figures.front(points) == [(1.0, 5.0), (2.0, 3.0), (4.0, 1.0)]
+    assert page_figures.pareto_front(points) == [(1.0, 5.0), (2.0, 3.0), (4.0, 1.0)]
 
 
 def test_forty_solvers_stay_small(tmp_path):

@@ -90,13 +90,13 @@ def test_every_form_shows_no_score(found):
         assert float(row["spread_deg"]) == found.summary.spread_deg
         assert row["diverged"] == "0"
     cells = [cell.strip() for cell in plain_tables.as_markdown([found]).splitlines()[6].split("|")[1:-1]]
-    assert cells == ["-", found.solver, "3", *["-"] * 5, "0", "-", numbers.number(found.summary.spread_deg)]
+    assert cells == ["-", found.solver, "3", *["-"] * 5, "0", "-", numbers.number_text(found.summary.spread_deg)]
     for width in (80, 120):
         console = Console(width=width, file=io.StringIO())
         console.print(terminal_tables.table([found, other], width))
         text = console.file.getvalue()
         assert "no reference" in text
-        assert numbers.number(found.summary.spread_deg) in text
+        assert numbers.number_text(found.summary.spread_deg) in text
         for part in ("nan", "%", "never", "equal ranks"):
             assert part not in text
 

@@ -115,16 +115,16 @@ def test_table_fits_in_100_columns_with_long_names():
      (math.inf, "never"), (math.nan, "-"), (99.96, "100.0"), (-32_215_238.0, "-3.22e+07")],
 )  # fmt: skip
 def test_number(value, text):
-    assert numbers.number(value) == text
+    assert numbers.number_text(value) == text
 
 
 def test_angle_and_seconds():
-    assert numbers.angle(7200.0) == "7,200"
-    assert numbers.angle(68400.0) == "19.0°"
-    assert numbers.seconds(0.1) == "0.1"
-    assert numbers.seconds(125.36) == "125"
-    assert numbers.seconds_interval((100.0, math.inf)) == "100–never"
-    assert numbers.seconds_interval((math.inf, math.inf)) == ""
+    assert numbers.angle_text(7200.0) == "7,200"
+    assert numbers.angle_text(68400.0) == "19.0°"
+    assert numbers.seconds_text(0.1) == "0.1"
+    assert numbers.seconds_text(125.36) == "125"
+    assert numbers.seconds_interval_text((100.0, math.inf)) == "100–never"
+    assert numbers.seconds_interval_text((math.inf, math.inf)) == ""
 
 
 def test_figures(tmp_path):
@@ -221,8 +221,8 @@ def test_no_number_and_no_word_is_broken(kind, width):
     tokens = set(text.split())
     for one in found:
         s = one.summary
-        expected = {numbers.angle(s.rms["U"]), *numbers.angle_interval(s.rms_ci["U"]).split(), "model=thesis"}
-        expected |= {numbers.number(s.spread_deg)} if kind == "rlg" else {"NEES"} & tokens
+        expected = {numbers.angle_text(s.rms["U"]), *numbers.angle_interval_text(s.rms_ci["U"]).split(), "model=thesis"}
+        expected |= {numbers.number_text(s.spread_deg)} if kind == "rlg" else {"NEES"} & tokens
         assert expected <= tokens, (expected - tokens, text)
         assert one.solver.rpartition(":")[2] in tokens
     if width >= 80:

@@ -158,6 +158,17 @@ def test_a_file_of_version_0_1_0_gives_the_same_table_and_export(fourth, tmp_pat
         assert [{name: row[name] for name in before[0]} for row in rows] == before  # there may be more columns now
 
 
+def test_tables_need_no_field_that_is_not_read_for_them(fourth):
+    """Every column gives the same from what is read for tables as from all; if not, its field must say ``in_tables``."""
+    with Store(fourth, read_only=True) as db:
+        for key in db.keys():
+            tables, whole = db.results(key, whole=False), db.results(key)
+            assert np.isnan(tables.records.hold_max).all()
+            assert plain_tables.as_csv([tables]) == plain_tables.as_csv([whole])
+            assert plain_tables.as_json([tables]) == plain_tables.as_json([whole])
+            assert plain_tables.as_markdown([tables]) == plain_tables.as_markdown([whole])
+
+
 _MORE = """
 import dataclasses, sys
 import numpy as np
@@ -165,9 +176,9 @@ from sins_env.evaluation.play import fields, records
 
 @dataclasses.dataclass(frozen=True)
 class More(records.Records):
-    peak: object = dataclasses.field(metadata=fields.error(since=5))
-    sleeps: object = dataclasses.field(metadata=fields.metadata(kind="count", usual=0, since=5))
-    drift: object = dataclasses.field(metadata=fields.metadata(units=("m/s",), navigates=True, since=5))
+    peak: object = dataclasses.field(metadata=fields.error_of(since=5))
+    sleeps: object = dataclasses.field(metadata=fields.kept(kind="count", usual=0, since=5))
+    drift: object = dataclasses.field(metadata=fields.kept(units=("m/s",), navigates=True, since=5))
 
 records.Records = More
 for one in dataclasses.fields(More)[-3:]:
