@@ -161,7 +161,7 @@ def test_a_file_of_version_0_1_0_gives_the_same_table_and_export(fourth, tmp_pat
 def test_tables_need_no_field_that_is_not_read_for_them(fourth):
     """Every column gives the same from what is read for tables as from all; if not, its field must say ``in_tables``."""
     with Store(fourth, read_only=True) as db:
-        for key in db.keys():
+        for key in list(db.keys()):
             tables, whole = db.results(key, whole=False), db.results(key)
             assert np.isnan(tables.records.hold_max).all()
             assert plain_tables.as_csv([tables]) == plain_tables.as_csv([whole])
