@@ -1,5 +1,6 @@
-"""Estimators seen from outside: finding them, checking the contract, guarding their calls, and giving them a process of their own.
+"""Estimators seen from outside: finding them, checking the contract, guarding their calls, and isolating their processes.
 
-A name, ``module:Factory`` or class comes in; an object with ``reset`` and ``step`` that can do no harm to others goes out.
-Read ``finding``, ``contract``, ``guard``, ``processes``, ``isolation``, ``version``.
+A name, ``module:Factory`` or class comes in; an object with ``reset`` and ``step`` goes out, which can do no harm to others.
+Read ``finding``, ``offers``, ``about``, ``contract``, ``guard``, ``isolation``, ``child``, ``processes``, ``memory``, then
+``version``.
 """

@@ -1,4 +1,4 @@
-"""What a factory says of itself: its own docstring, and its settings."""
+"""Description of a solver by its factory: docstring and settings."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import inspect
 from functools import partial
 from typing import Any, NamedTuple
 
-#: Modules whose classes describe Python, not the estimator that inherits from them.
+#: Modules of Python's own base classes, whose docstrings do not describe an estimator that inherits from them.
 _PYTHON = ("abc", "builtins", "typing")
 
 
 class About(NamedTuple):
-    """The first paragraph of the docstring, and the settings with their defaults as text."""
+    """Description of a solver."""
 
-    text: str
-    settings: dict[str, str]
+    text: str  #: first paragraph of the docstring
+    settings: dict[str, str]  #: default of each setting as text, by name
 
 
 def about(factory: Any) -> About:
-    """What a class, function or partial says of itself, not what its type or its product says."""
+    """Return the description in a class, function or partial itself, not that of its type or its product."""
     settings: dict[str, str] = {}
     for parameter in inspect.signature(factory).parameters.values():
         if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY):
@@ -28,7 +28,10 @@ def about(factory: Any) -> About:
 
 
 def _doc(factory: Any) -> str:
-    """The docstring of the object; of the nearest base that has one, for a class; of what it calls, for a partial."""
+    """Return the docstring of a factory.
+
+    A class without one has that of its nearest base. A partial without one has that of the function it calls.
+    """
     if isinstance(factory, type):
         found = (vars(base).get("__doc__") for base in factory.__mro__ if base.__module__ not in _PYTHON)
         return next((doc for doc in found if doc and not doc.startswith(f"{factory.__name__}(")), "")

@@ -1,6 +1,6 @@
-"""An object in a process of its own: its methods are called through a pipe, and it may hang or end its process.
+"""An object in a process of its own, whose methods are called through a pipe.
 
-What it may do to that process reaches the caller as an :class:`EstimatorError` with one line.
+If it hangs or ends its process, the caller gets an :class:`EstimatorError` with one line.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from typing import Any
 from sins_env.evaluation.estimators.guard import EstimatorError
 from sins_env.evaluation.estimators.processes import CANNOT_START, interrupts_held, prepare
 
-START_S = 300.0  #: a new process imports what it needs in this time, on however busy a machine
-GRACE_S = 1.0  #: what an answer may take on its way; the clock of the child decides
-LOOK_S = 0.5  #: how often a silent process is looked after
+START_S = 300.0  #: longest time in which a new process imports its modules, even on a busy machine
+GRACE_S = 1.0  #: time that an answer may take beyond the limit to arrive, for the clock of the child decides
+LOOK_S = 0.5  #: period of the check that a silent process still runs
 
 
 class Child:
-    """A process that holds the object which ``make``, a class at module level, makes there.
+    """A process with an object that ``make``, a class at module level, makes there.
 
-    The process begins with the first call, and anew with the first call after it was lost.
+    The process starts with the first call, and again with the first call after it was lost.
     """
 
     def __init__(self, make: Callable[[], Any]) -> None:
@@ -37,15 +37,15 @@ class Child:
 
     @property
     def running(self) -> bool:
-        """Whether there is a process: the object keeps its state from one call to the next."""
+        """Whether the process runs, so that the object keeps its state from one call to the next."""
         return self._pipe is not None
 
     def call(self, name: str, limit_s: float, *arguments: Any) -> Any:
-        """What the object's method ``name`` returns.
+        """Call the object's method ``name`` and return its result.
 
         Raises:
-            EstimatorError: it raised, took longer than the limit, or ended its process.
-            ValueError: it raised this one.
+            EstimatorError: the method raised an exception, took longer than the limit, or ended its process.
+            ValueError: the method raised a ValueError.
             RuntimeError: the process cannot start.
         """
         if self._pipe is None:
@@ -53,7 +53,7 @@ class Child:
         return self._call(name, limit_s, *arguments)
 
     def close(self) -> None:
-        """End the process; it is begun again when it is needed."""
+        """End the process, which starts again when it is needed."""
         if self._pipe is not None:
             self._pipe.close()  # to one that waits: the end
         if self._process is not None:
@@ -96,7 +96,7 @@ class Child:
         return answer
 
     def _wait(self, name: str, limit_s: float) -> None:
-        """Until there is an answer. A process that has ended raises EOFError, even if others hold its pipe open."""
+        """Wait for an answer; raise EOFError if the process has ended, even if others hold its pipe open."""
         assert self._pipe is not None
         assert self._process is not None
         deadline = time.monotonic() + limit_s + GRACE_S
@@ -109,7 +109,7 @@ class Child:
                 raise EstimatorError(_too_long(name, limit_s))
 
     def _end(self) -> str:
-        """How the process ended, in words."""
+        """End the process if it still runs, and return how it ended, in words."""
         code = None
         if self._process is not None:
             self._process.join(GRACE_S)
@@ -126,7 +126,10 @@ def _too_long(name: str, limit_s: float) -> str:
 
 @contextmanager
 def _children_allowed() -> Iterator[None]:
-    """Dask's workers are daemons, which multiprocessing forbids to have children; ours end with their parent."""
+    """Allow children for the time of the context.
+
+    The workers of Dask are daemons, which multiprocessing forbids to have children. Ours end with their parent anyway.
+    """
     config = vars(multiprocessing.current_process()).get("_config", {})
     daemon = config.pop("daemon", None)
     try:
@@ -137,7 +140,7 @@ def _children_allowed() -> Iterator[None]:
 
 
 def _serve(pipe: Connection, make: Callable[[], Any]) -> None:
-    """The other process: one answer to each question, until the pipe is closed. A call without a name asks nothing."""
+    """Serve in the other process: answer each call until the pipe is closed. A call without a name does nothing."""
     prepare()
     target = make()
     reply: tuple[str, Any, str, float]

@@ -1,4 +1,4 @@
-"""The estimator contract as named checks: what a plug-in must do to be evaluated. docs/tasks_and_scores.md#estimator-contract."""
+"""The estimator contract as named checks, which a plug-in must pass. docs/tasks_and_scores.md#estimator-contract."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from sins_env.evaluation.estimators import finding
 RUNS, COARSE_S = 3, 6.0
 ALIGNMENT = {"id": "SINS/AlignSway-v0", "duration": 12.0, "start": "told"}
 NAVIGATION = {"id": "SINS/NavFlight-v0", "duration": 5.0, "profile": "lu-gauss"}
-TOLERANCE = 1e-9  #: of a unit quaternion, m/s, rad; of a height of more than a metre relative
+TOLERANCE = 1e-9  #: tolerance of a unit quaternion, of m/s and of rad; it is relative for a height above a metre
 
 
 class Check(NamedTuple):
-    """One point of the contract. ``passed`` None: it does not apply, or could not be looked at."""
+    """Result of one point of the contract."""
 
     name: str
-    passed: bool | None
+    passed: bool | None  #: None if it does not apply, or could not be checked
     detail: str
 
 
 class _Bad(Exception):
-    """What is wrong, in one line."""
+    """Breach of the contract, in one line."""
 
 
 def _raised(error: Exception, obs: Mapping[str, Any]) -> str:
-    """An estimator's own exception: what, where, and what there is if it looked for something else."""
+    """Describe an estimator's own exception in one line, with its place, and for a wrong key the fields there are."""
     text = f"raised {type(error).__name__}: {' '.join(str(error).split())}"
     frames = traceback.extract_tb(error.__traceback__)
     last = max((i for i, frame in enumerate(frames) if frame.filename == __file__), default=-1)
@@ -52,7 +52,7 @@ def _raised(error: Exception, obs: Mapping[str, Any]) -> str:
 
 
 class _World:
-    """Observations of a few short runs, the same for every check."""
+    """Observations of a few short runs, which are the same for every check."""
 
     def __init__(self, **settings: Any) -> None:
         env: Any = gymnasium.make_vec(num_envs=RUNS, **settings)
@@ -69,11 +69,12 @@ class _World:
         env.close()
 
     def one(self, run: int) -> tuple[types.Task, list[Obs]]:
-        """A run without a run axis."""
+        """Return the task and observations of a run, without a run axis."""
         start = self.task.start and types.NavState(*(part[run].copy() for part in self.task.start))
         return replace(self.task, start=start), [{n: v[run].copy() for n, v in o.items()} for o in self.observations]
 
     def all(self) -> tuple[types.Task, list[Obs]]:
+        """Return the task and observations of all runs, with a run axis."""
         start = self.task.start and types.NavState(*(part.copy() for part in self.task.start))
         return replace(self.task, start=start), [{n: v.copy() for n, v in o.items()} for o in self.observations]
 
@@ -83,7 +84,7 @@ def _rng(run: int) -> np.random.Generator:
 
 
 class _Checker:
-    """Holds what the checks share; each public check's docstring is its name."""
+    """The checks and what they share. The docstring of a check is its name, which users see."""
 
     def __init__(
         self, solver: finding.Solver, settings: Mapping[str, Any] | None, world: Mapping[str, Any] = ALIGNMENT
@@ -93,14 +94,20 @@ class _Checker:
         self.width, self.errors = (10, 9) if self.told.task.navigate else (4, 3)
 
     def make(self) -> Any:
+        """Make a new estimator."""
         return finding.make(self.solver, self.settings)
 
     @cached_property
     def batched(self) -> bool:
+        """Whether the estimator takes a run axis."""
         return bool(self.make().batched)
 
     def drive(self, estimator: Any, task: types.Task, observations: Sequence[Obs], runs: int | None = None) -> Array:
-        """Actions (K, width), or (K, runs, width)."""
+        """Play an estimator and return its actions, (K, width), or (K, runs, width) for several runs.
+
+        Raises:
+            _Bad: an action that the contract does not allow.
+        """
         rng: Any = _rng(0) if runs is None else [_rng(run) for run in range(runs)]
         estimator.reset(task, rng, runs or 1)
         shape = (self.width,) if runs is None else (runs, self.width)
@@ -119,7 +126,7 @@ class _Checker:
         return np.array(actions)
 
     def refusal(self) -> str:
-        """Why it is not for tasks of this kind; empty where its first action is of the right width."""
+        """Return why the estimator is not for tasks of this kind; empty if its first action has the right width."""
         (task, observations), estimator = self.told.one(0), self.make()
         try:
             estimator.reset(task, _rng(0), 1)
@@ -250,6 +257,7 @@ class _Checker:
         return f"to {TOLERANCE:g}"
 
     def results(self) -> Iterable[Check]:
+        """Yield the result of each check; after a run has failed, the others are not checked."""
         checks: tuple[Callable[[], str | None], ...] = (
             self.members, self.single, self.batch, self.neighbours, self.deterministic, self.reusable,
             self.untouched, self.global_random, self.without_fixes, self.unknown_start, self.picklable,
@@ -277,17 +285,17 @@ def check_estimator(
     settings: Mapping[str, Any] | None = None,
     on_check: Callable[[Check], None] | None = None,
 ) -> list[Check]:
-    """Hold an estimator against the contract; ``all(check.passed is not False for check in ...)`` is a pass.
+    """Check an estimator by the contract; it keeps it if ``all(check.passed is not False for check in ...)``.
 
-    It is held against the contract of alignment, of navigation, or of both: whichever tasks it answers.
+    The contract is that of alignment, of navigation, or both, whichever tasks the estimator answers.
 
     Args:
         solver: a factory, a name, or ``module:Factory``.
-        on_check: called as each check ends.
+        settings: settings of the solver.
+        on_check: function called with the result of each check when it ends.
 
     Raises:
-        ValueError: there is no such solver, it refuses the settings, or it lacks ``batched``, ``reset`` or
-        ``step``.
+        ValueError: no such solver, settings that it refuses, or an estimator without ``batched``, ``reset`` or ``step``.
     """
     finding.make(solver, settings)
     out = []

@@ -1,4 +1,4 @@
-"""Finding solvers: by name, as installed packages offer them, or as ``package.module:Factory``."""
+"""Finding of solvers by a name that an installed package offers, or as ``package.module:Factory``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sins_env.types import Estimator
 Factory = Callable[..., Estimator]
 Solver = str | Factory
 
-#: what an estimator must have, and how it is written
+#: Members that an estimator must have, each with its declaration.
 MEMBERS = {
     "batched": "batched = False (one run at a time) or True (a leading run axis)",
     "reset": "reset(self, task, rng, num_runs=1)",
@@ -30,12 +30,12 @@ MEMBERS = {
 
 
 def names() -> list[str]:
-    """The solvers that are known by name: the project's own, and what other installed packages offer."""
+    """Return the names of all solvers: those of this project, and those that other installed packages offer."""
     return sorted({*offers.own(), *_foreign()})
 
 
 def _foreign() -> dict[str, list[Offer]]:
-    """What other packages offer under names that are not the project's own."""
+    """Return what other packages offer, by name, without the names of this project."""
     own = offers.own()
     found: dict[str, list[Offer]] = {}
     for offer in offers.foreign():
@@ -45,26 +45,29 @@ def _foreign() -> dict[str, list[Offer]]:
 
 
 def is_own(solver: Solver) -> bool:
-    """Whether a solver is the project's own, by name."""
+    """Return whether a solver is given by the name of one of this project."""
     return isinstance(solver, str) and solver in offers.own()
 
 
 def is_foreign(name: str) -> bool:
-    """Whether another package offers a solver of that name."""
+    """Return whether another package offers a solver of that name."""
     return any(point.name == name for point in offers.points()[1]) or name in _foreign()
 
 
 class Listed(NamedTuple):
-    """A solver that is known by name, its package (empty: the project's own), and why it cannot be loaded, if it cannot."""
+    """Solver in the list of names."""
 
     name: str
-    package: str
+    package: str  #: name and version of its package; empty for one of this project
     about: About
-    error: str
+    error: str  #: reason why it cannot be loaded; empty if it can
 
 
 def listing() -> list[Listed]:
-    """The solvers that are known by name, each with what it says of itself; nothing of other packages is imported here."""
+    """Return all solvers that have a name, with their descriptions, sorted by name.
+
+    Other packages are imported in processes of their own only.
+    """
     rows = [Listed(name, "", about(get()), "") for name, get in offers.own().items()]
     for name, same in _foreign().items():
         packages = ", ".join(filter(None, (offers.distribution(offer.point) for offer in same)))
@@ -76,26 +79,26 @@ def listing() -> list[Listed]:
 
 
 def shadowed() -> list[str]:
-    """What other packages offer under a name of the project's own: found by its path only."""
+    """Return the solvers of other packages that have a name of this project, and so are found by path only."""
     own = offers.own()
     return sorted({f"{offer.name} of {origin(offer.point)}" for offer in offers.foreign() if offer.name in own})
 
 
 def solver_name(solver: Solver) -> str:
-    """What a solver is called in tables: the name it was asked for, or module:name of a class or function."""
+    """Return the name of a solver in tables: the given name, or module:name of a class or function."""
     if isinstance(solver, str):
         return solver
     return f"{getattr(solver, '__module__', '?')}:{getattr(solver, '__qualname__', type(solver).__qualname__)}"
 
 
 def find(solver: Solver) -> Factory:
-    """The factory of a solver; the current directory is searched for modules, too.
+    """Return the factory of a solver; modules may lie in the current directory, too.
 
-    A module of another package is imported only where its solver is asked for.
+    A module of another package is imported only for a solver of that package.
 
     Raises:
-        ValueError: no such name, module or attribute (the nearest one is offered), or a module that fails to
-        import.
+        ValueError: no such name, module or attribute (the error offers the nearest one), or a module that fails to
+            import.
     """
     if not isinstance(solver, str):
         if not callable(solver):
@@ -109,7 +112,7 @@ def find(solver: Solver) -> Factory:
 
 
 def _from_package(name: str) -> Factory:
-    """A solver of another package, which is imported for it."""
+    """Import another package and return its solver of that name."""
     for point in _offering(name):
         try:
             found = offers.load(point)
@@ -121,7 +124,10 @@ def _from_package(name: str) -> Factory:
 
 
 def _offering(name: str) -> Iterator[EntryPoint]:
-    """The entry points that may offer a solver: that of its name; else the one that lists it, for which a process is needed."""
+    """Yield the entry points that may offer a solver: that of its name, then the one that lists it.
+
+    The second needs a process that imports the package.
+    """
     if named := [point for point in offers.points()[1] if point.name == name]:
         yield _only(named, name)
     if listed := _foreign().get(name):
@@ -148,7 +154,7 @@ def _unloadable(name: str, point: EntryPoint, why: str) -> ValueError:
 
 
 def module_of(solver: Solver) -> str:
-    """The module of a solver that is not the project's own. It is looked for and not imported.
+    """Return the module of a solver that is not of this project, without importing it.
 
     Raises:
         ValueError: no such name or module.
@@ -168,7 +174,7 @@ def module_of(solver: Solver) -> str:
 
 
 def _search_here() -> None:
-    """Let modules of the current directory be found."""
+    """Add the current directory to the search path of modules."""
     if os.getcwd() not in sys.path and "" not in sys.path:
         sys.path.insert(0, os.getcwd())
 
@@ -182,7 +188,7 @@ def _no_module(path: str, why: object) -> ValueError:
 
 
 def _from_module(path: str) -> Factory:
-    """A class or function of a module, or what the module registers under that name."""
+    """Return a class or function of a module, or the solver that the module registers under that name."""
     module_name, _, attribute = path.partition(":")
     _search_here()
     try:
@@ -204,18 +210,18 @@ def _from_module(path: str) -> Factory:
 
 
 def _module_of(name: str) -> str:
-    """The module that a file of the current directory is, named with its ending or without; empty if there is none."""
+    """Return the module name of a file in the current directory, given with or without ``.py``; empty if there is none."""
     module = name.removesuffix(".py").removeprefix("./").replace("/", ".")
     file = Path(*module.split(".")).with_suffix(".py")
     return module if not file.is_absolute() and file.is_file() else ""
 
 
 def make(solver: Solver, settings: Mapping[str, Any] | None = None) -> Estimator:
-    """An estimator of that solver; ``settings`` are passed as keywords.
+    """Make an estimator of that solver; ``settings`` are passed as keywords.
 
     Raises:
-        ValueError: as :func:`find`; settings the factory refuses; a product without ``reset``, ``step`` and
-        ``batched``.
+        ValueError: a solver that :func:`find` refuses, settings that the factory refuses, or a product without ``reset``,
+            ``step`` and ``batched``.
     """
     name, given = solver_name(solver), dict(settings or {})
     try:
@@ -238,12 +244,12 @@ def make(solver: Solver, settings: Mapping[str, Any] | None = None) -> Estimator
 
 
 def describe(solver: Solver) -> About:
-    """The first paragraph of the docstring, and the settings with their defaults as text.
+    """Return the first paragraph of a solver's docstring, and its settings with their defaults as text.
 
-    What other packages offer by name describes itself in another process; nothing of them is imported here.
+    A solver of another package, given by name, is described in a process of its own, and not imported here.
 
     Raises:
-        ValueError: as :func:`find`.
+        ValueError: a solver that :func:`find` refuses.
     """
     by_name = isinstance(solver, str) and ":" not in solver and not is_own(solver)
     if by_name and (found := _foreign().get(str(solver))):

@@ -1,4 +1,4 @@
-"""The border between the evaluation and an estimator: whatever it raises or returns has a defined outcome."""
+"""The border between the evaluation and an estimator: anything that it raises or returns has a defined outcome."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from sins_env.arrays import Array, Obs
 
 Clock = Callable[[], float]
 Health = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
-MAX_TRACEBACK = 6000  #: characters kept
+MAX_TRACEBACK = 6000  #: most characters of a traceback, counted from its end
 
 
 class EstimatorError(Exception):
-    """An estimator raised, returned what is no action, took too long, or ended its process.
+    """Error of an estimator that raised an exception, returned no action, took too long, or ended its process.
 
-    ``__cause__`` is its own exception, or ``trace`` its traceback where that happened in another process. ``ended`` tells
-    how its process ended; it is empty where that did not happen.
+    ``__cause__`` is its own exception; ``trace`` is its traceback if that happened in another process. ``ended`` tells how
+    its process ended, and is empty if it did not.
     """
 
     trace = ""
@@ -31,33 +31,49 @@ class EstimatorError(Exception):
 
     @property
     def text(self) -> str:
-        """The traceback, or what was wrong where there is none."""
+        """Traceback of the estimator's exception; the message if there is none."""
         cause = self.__cause__
         return self.trace or ("".join(traceback.format_exception(cause))[-MAX_TRACEBACK:] if cause else str(self))
 
 
 class Guarded(Protocol):
-    """What the loop needs of an estimator, wherever it is; all runs have a leading axis, even one."""
+    """Interface of an estimator to the loop, in whichever process it is. A run axis leads, even for a single run."""
 
     num_runs: int
     clock: Clock
-    seconds: float  #: by the clock, of all steps since this guard was made
+    seconds: float  #: time of all steps since the guard was made, by the clock
     steps: int
 
     def reset(self, task: types.Task, rngs: Sequence[np.random.Generator]) -> None:
-        """Begin the runs anew, each with its own generator."""
+        """Begin the runs, each with its own generator.
+
+        Raises:
+            EstimatorError: the estimator failed.
+        """
         ...
 
     def step(self, obs: Obs) -> Array:
-        """(R, 4), or (R, 10) of a navigation task; only the estimator's own time is counted."""
+        """Return the action, (R, 4), or (R, 10) in navigation; only the estimator's own time is counted.
+
+        Raises:
+            EstimatorError: the estimator failed.
+        """
         ...
 
     def covariance(self) -> Array | None:
-        """(R, 3, 3) rad^2, or (R, 9, 9) of a navigation task; None where the estimator has none."""
+        """Return the covariance, (R, 3, 3) rad^2, or (R, 9, 9) in navigation; None if the estimator has none.
+
+        Raises:
+            EstimatorError: the estimator failed.
+        """
         ...
 
     def health(self) -> Health:
-        """Covariance repairs, fallbacks, and the epoch at which each run froze (-1: none), where they are reported."""
+        """Return per run the covariance repairs, the fallbacks, and the epoch at which it froze, or -1.
+
+        Raises:
+            EstimatorError: the estimator failed.
+        """
         ...
 
 
@@ -65,8 +81,10 @@ class Guard:
     """An estimator whose exceptions and malformed returns become :class:`EstimatorError`, with a clock.
 
     Args:
-        batched: whether it is called with a run axis; None asks the estimator. A batched one takes single runs as well.
-        clock: by which its steps are timed; ``time.process_time`` counts CPU time.
+        estimator: estimator to call.
+        num_runs: number of runs.
+        batched: whether it is called with a run axis; None asks the estimator. A batched one takes single runs, too.
+        clock: clock that times its steps; ``time.process_time`` counts CPU time.
     """
 
     def __init__(
@@ -114,7 +132,7 @@ class Guard:
         return self._array("covariance", self._call("covariance"), n, n) if self.offers("covariance") else None
 
     def _array(self, name: str, value: Any, *shape: int) -> Array:
-        """A copy as float64: an estimator may use its buffer again."""
+        """Return a copy as float64, for an estimator may use its buffer again."""
         expected = (self.num_runs, *shape) if self.batched else shape
         what = f"a {type(value).__name__}"
         try:

@@ -1,7 +1,8 @@
-"""Where an estimator lives: in this process, or in one of its own, where hanging or ending it is a failed run like any other.
+"""Hosts of an estimator: the process of the caller, or a process of its own.
 
-Whoever plays the runs (this process, a worker, a thread, a Dask worker) talks to the other process through a pipe. Only the
-estimator is apart: observations go there, actions come back, and its time is taken there.
+In a process of its own, an estimator that hangs or ends the process costs a failed run and no more. The caller, which may be
+this process, a worker, a thread or a Dask worker, talks to it through a pipe. Observations go there, actions come back, and
+its time is taken there.
 """
 
 from __future__ import annotations
@@ -23,17 +24,21 @@ from sins_env.evaluation.estimators.guard import Clock, EstimatorError, Guard, G
 
 
 def check_timeout(seconds: float | None) -> None:
-    """Raises ValueError for what is no time; infinity is a process of its own without a limit."""
+    """Check a time limit; infinity means a process of its own without a limit.
+
+    Raises:
+        ValueError: not a positive number.
+    """
     real = seconds is None or (isinstance(seconds, (int, float, np.number)) and not isinstance(seconds, bool))
     if not real or (seconds is not None and not seconds > 0):
         raise ValueError(f"epoch_timeout_s = {seconds!r}; allowed: a positive number of seconds, or None")
 
 
 def limit(solver: finding.Solver, timeout_s: float | None = None) -> float | None:
-    """The time limit of a call, as ``epoch_timeout_s`` takes it: None where the solver is played in the caller's process.
+    """Return the time limit of a call for ``epoch_timeout_s``: None for a solver that plays in the caller's process.
 
-    The one place that decides it: a solver with a time limit has a process of its own, and so has, without a limit, any
-    that is not the project's own, for nobody knows what it does to its process. A name that nobody offers needs none.
+    This is the one place that decides where a solver plays. A solver with a time limit has a process of its own. A solver
+    of another package has one, too, without a limit, because it may do anything to its process. An unknown name has none.
     """
     named = isinstance(solver, str) and ":" not in solver
     foreign = not named or (not finding.is_own(solver) and finding.is_foreign(str(solver)))
@@ -41,26 +46,26 @@ def limit(solver: finding.Solver, timeout_s: float | None = None) -> float | Non
 
 
 class Host(Protocol):
-    """A solver ready to play, wherever it lives."""
+    """A solver ready to play, in whichever process it is."""
 
     solver: finding.Solver
     settings: dict[str, Any]
     batched: bool
 
     def renew(self) -> None:
-        """Make the estimator afresh: its state is unknown after an error.
+        """Make a new estimator, because the state of the old one is unknown after an error.
 
         Raises:
-            ValueError: it refuses its settings, or cannot be sent to another process.
+            ValueError: settings that it refuses, or a solver that cannot be sent to another process.
         """
         ...
 
     def guard(self, num_runs: int, clock: Clock = time.perf_counter) -> Guarded:
-        """The estimator for so many runs, timed by the clock."""
+        """Return the estimator for so many runs, timed by the clock."""
         ...
 
     def close(self) -> None:
-        """End the process that it has, if it has one."""
+        """End its process, if it has one of its own."""
         ...
 
 
@@ -83,7 +88,7 @@ class Here:
 
 
 class Isolated:
-    """A solver in a process of its own, which begins anew after it was lost."""
+    """A solver in a process of its own, which starts again after it was lost."""
 
     def __init__(self, solver: finding.Solver, settings: Mapping[str, Any] | None, timeout_s: float) -> None:
         check_timeout(timeout_s)
@@ -111,10 +116,10 @@ class Isolated:
 
 @contextmanager
 def hosted(solver: finding.Solver, settings: Mapping[str, Any] | None, timeout_s: float | None) -> Iterator[Host]:
-    """The solver in this process or, where there is a limit (see :func:`limit`), in one of its own, which ends with this.
+    """Yield the solver in this process or, with a time limit, in one of its own, which ends with the context.
 
     Raises:
-        ValueError: no such solver, settings that it refuses, a limit that is none.
+        ValueError: no such solver, settings that it refuses, or a limit that is not positive.
     """
     host: Host = Here(solver, settings) if timeout_s is None else Isolated(solver, settings, timeout_s)
     try:
@@ -152,7 +157,7 @@ class IsolatedGuard:
 
 
 class _Estimator:
-    """What an :class:`Isolated` asks, in the other process."""
+    """Other end of :class:`Isolated`: the estimator and its guard, in the process of their own."""
 
     def make(self, solver: finding.Solver, settings: Mapping[str, Any]) -> bool:
         self._estimator = finding.make(solver, settings)
@@ -165,7 +170,7 @@ class _Estimator:
         self._guard.reset(task, rngs)
 
     def step(self, obs: Obs) -> tuple[Array, float]:
-        """The action, and what it took by the guard's clock."""
+        """Return the action, and the time of the step by the guard's clock."""
         before = self._guard.seconds
         return self._guard.step(obs), self._guard.seconds - before
 

@@ -1,11 +1,11 @@
-"""What installed packages offer: their entry points of the group ``sins_env.estimators``.
+"""Solvers that installed packages offer by entry points of the group ``sins_env.estimators``.
 
-An entry point is a class or function, which is one solver under the entry point's name; a mapping of names to such; or a
-module. A module offers the names that its function ``names()`` lists, each an attribute of it, and those that its package
-registers with ``solvers.register``. So one entry point may offer any number of solvers.
+An entry point is a class or function, a mapping, or a module, so it may offer any number of solvers. A class or function is
+one solver with the name of the entry point. A mapping has solvers by name. A module offers the names that its function
+``names()`` lists, which are its attributes, and the solvers that its package registers with ``solvers.register``.
 
-The project's own entry point is loaded here. Those of other packages are loaded in processes of their own, one a package:
-a package that fails, hangs or ends its process costs its own names and nothing else.
+The entry point of this project is loaded here. Each other package is loaded in a process of its own. If it fails, hangs or
+ends its process, only its own names are missing.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from typing import Any, NamedTuple
 from sins_env.evaluation.estimators.about import About, about
 
 GROUP = "sins_env.estimators"
-OWN = "sins-env"  #: the distribution whose names nobody else can take
-LIMIT_S = 30.0  #: in which a package must be imported and listed
+OWN = "sins-env"  #: name of this distribution, whose solver names no other package can take
+LIMIT_S = 30.0  #: longest time in which a package is imported and its solvers are listed
 EntryPoint = importlib.metadata.EntryPoint
-Offered = Mapping[str, Callable[[], Any]]  #: by name, what returns the factory
+Offered = Mapping[str, Callable[[], Any]]  #: functions that return a factory, by name of the solver
 
-#: The other process: it gets the path and the entry points on standard input and answers with a line for each.
+#: Program of the other process. It reads the path and the entry points from standard input, and prints a line for each.
 _CHILD = """
 import json, sys
 given = json.load(sys.stdin)
@@ -41,7 +41,7 @@ offers.answer(given["points"])
 
 
 class Offer(NamedTuple):
-    """A solver of another package by name; or, with an ``error``, an entry point that offers none."""
+    """Solver of another package, or with an ``error`` an entry point that cannot be loaded."""
 
     name: str
     point: EntryPoint
@@ -50,17 +50,17 @@ class Offer(NamedTuple):
 
 
 def origin(point: EntryPoint) -> str:
-    """The package of an entry point and what it names, in words."""
+    """Return the package of an entry point and its value, in words."""
     return f"{point.dist.name} ({point.value})" if point.dist else point.value
 
 
 def distribution(point: EntryPoint) -> str:
-    """Name and version of the package of an entry point; empty where there is none."""
+    """Return name and version of the package of an entry point; empty if there is none."""
     return f"{point.dist.name} {point.dist.version}" if point.dist else ""
 
 
 def points() -> tuple[list[EntryPoint], list[EntryPoint]]:
-    """The entry points of the project's own, and those of other packages, each value of a name once."""
+    """Return the entry points of this project, and those of other packages, with each value of a name once."""
     own: dict[tuple[str, str], EntryPoint] = {}
     others: dict[tuple[str, str], EntryPoint] = {}
     whose: dict[int, bool] = {}  # a package's name is parsed anew whenever it is asked for: once for all its points
@@ -73,12 +73,12 @@ def points() -> tuple[list[EntryPoint], list[EntryPoint]]:
 
 
 def package_of(point: EntryPoint) -> str:
-    """The top-level package or module of an entry point, which may be misspelt; empty if so."""
+    """Return the top-level package or module of an entry point; empty if it is misspelt."""
     return point.value.partition(":")[0].strip().partition(".")[0]
 
 
 def own() -> dict[str, Callable[[], Any]]:
-    """The project's own solvers."""
+    """Return the solvers of this project, by name."""
     found: dict[str, Callable[[], Any]] = {}
     for point in points()[0]:
         found |= _taken(point, point.load())
@@ -86,11 +86,11 @@ def own() -> dict[str, Callable[[], Any]]:
 
 
 def load(point: EntryPoint) -> Offered:
-    """What an entry point offers, which is imported for it.
+    """Import an entry point and return the solvers that it offers, by name.
 
     Raises:
-        Exception, SystemExit: whatever the import raises.
-        ValueError: a module that offers nothing.
+        Exception, SystemExit: any exception of the import.
+        ValueError: a module that offers no solver.
     """
     found = {**_taken(point, point.load()), **registered(package_of(point))}
     if not found:
@@ -109,7 +109,7 @@ def _taken(point: EntryPoint, loaded: Any) -> dict[str, Callable[[], Any]]:
 
 
 def registered(package: str) -> dict[str, Callable[[], Any]]:
-    """What a package or module that has been imported has registered with the project's own solvers."""
+    """Return the solvers that an imported package or module has registered with ``solvers.register``, by name."""
     found: dict[str, Callable[[], Any]] = {}
     for point in points()[0]:
         if package_of(point) in sys.modules and isinstance(catalogue := point.load(), ModuleType):
@@ -118,7 +118,7 @@ def registered(package: str) -> dict[str, Callable[[], Any]]:
 
 
 def foreign() -> list[Offer]:
-    """What other packages offer, by name; nothing of them is imported here."""
+    """Return the solvers that other packages offer; the packages are not imported here."""
     packages: dict[str, list[EntryPoint]] = {}
     for point in points()[1]:
         packages.setdefault(point.dist.name if point.dist else "", []).append(point)
@@ -139,7 +139,12 @@ def _offers(points: Sequence[EntryPoint], answer: Sequence[Any]) -> Iterable[Off
 
 @lru_cache
 def asked(points: tuple[tuple[str, str], ...]) -> list[Any]:
-    """For each entry point of a package, what its solvers say of themselves by name; a text is why one cannot be loaded."""
+    """Describe the solvers of a package in another process.
+
+    Returns:
+        for each entry point (name, value) a mapping from the name of a solver to its description. A text instead of a
+        mapping or a description is the reason why it cannot be loaded.
+    """
     given = json.dumps({"path": sys.path, "points": points}).encode()
     try:
         done = subprocess.run(
@@ -157,7 +162,7 @@ def asked(points: tuple[tuple[str, str], ...]) -> list[Any]:
 
 
 def answer(points: Sequence[Sequence[str]]) -> None:
-    """In the other process: a line of JSON for each entry point, as :func:`asked` returns them."""
+    """Print, in the other process, a line of JSON for each entry point, as :func:`asked` returns them."""
     out = os.fdopen(os.dup(1), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what the packages print is nobody's concern
     for name, value in points:
@@ -179,15 +184,15 @@ def _said(name: str, get: Callable[[], Any]) -> About | str:
 
 
 def line(error: BaseException) -> str:
-    """An exception in one line."""
+    """Return an exception in one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def called(factory: Any, name: str) -> Any:
-    """The factory itself.
+    """Return the factory, after checking that it can be called.
 
     Raises:
-        ValueError: it is no class or function.
+        ValueError: not a class or function.
     """
     if not callable(factory):
         kind = type(factory).__name__

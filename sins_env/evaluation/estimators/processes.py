@@ -1,4 +1,4 @@
-"""What every spawned process shares: who hears Ctrl-C, how many threads it takes, and when it ends."""
+"""Setup that all spawned processes share: Ctrl-C goes to the parent, BLAS has one thread, and they end with the parent."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CANNOT_START = (
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Ctrl-C waits until this ends; processes that start meanwhile never see it (they inherit the mask)."""
+    """Hold back Ctrl-C until the context ends; processes that start meanwhile never see it, for they inherit the mask."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -32,7 +32,7 @@ def interrupts_held() -> Iterator[None]:
 
 
 def prepare() -> None:
-    """For a new process: Ctrl-C is its parent's to handle, one BLAS thread, and no life without its parent."""
+    """Set up a new process: it ignores Ctrl-C, uses one BLAS thread, and ends when its parent does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threadpool_limits(1)
     keep_freed_memory()

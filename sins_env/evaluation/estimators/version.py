@@ -1,4 +1,4 @@
-"""The version of the code behind a result: other code, other rows. docs/tasks_and_scores.md#stale-rows."""
+"""Version of the code behind a result, which is part of the key of stored rows. docs/tasks_and_scores.md#stale-rows."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from pathlib import Path
 from sins_env.evaluation.estimators import finding, offers
 from sins_env.version import VERSION
 
-WORLD = Path(__file__).parents[2]  #: the package ``sins_env``
-#: Parts of the package that decide no score: they show, store or ask for it. All others make the world.
+WORLD = Path(__file__).parents[2]  #: folder of the package ``sins_env``
+#: Parts of the package that do not decide scores, except the folders SCORING. All other parts make the world.
 APART = ("cli", "evaluation")
-#: Folders of the evaluation that decide what a row holds: how runs are seeded and begun, what an estimator's answers count as,
-#: how runs are played and scored, and the bound. The others work on rows that are there.
+#: Folders of the evaluation that decide what a row holds: seeds and starts of runs, calls of an estimator, playing and
+#: scoring of runs, and the bound. The other folders only use rows.
 SCORING = ("tasks", "estimators", "play", "bound")
-#: The tasks themselves: each is compared on its own, by definition and digest, so that a new one leaves the others' rows valid.
+#: Folder of the tasks. Each is compared by its definition and digest, so that a new task leaves the rows of others valid.
 DEFINITIONS = "evaluation/tasks/suite"
 
 
 def code_version(solver: finding.Solver) -> str:
-    """Version, and 8 hex digits over the sources of world, scoring and solvers: other code, other rows.
+    """Return the version with 8 hex digits of a hash over the sources of world, scoring and solvers.
 
-    A solver of another package may be built on any that is installed, so all of them count for it.
+    For a solver of another package the sources of all packages with solvers enter, because it may use any of them.
 
     Raises:
         ValueError: no such solver.
@@ -40,7 +40,7 @@ def code_version(solver: finding.Solver) -> str:
 
 
 def _scoring() -> Iterator[Path]:
-    """The files of world and scoring."""
+    """Yield the files of world and scoring."""
     parts = [part for part in WORLD.iterdir() if part.name not in APART]
     parts += [WORLD / "evaluation" / folder for folder in SCORING]
     for part in parts:
@@ -49,7 +49,7 @@ def _scoring() -> Iterator[Path]:
 
 
 def _packages(solver: finding.Solver) -> set[str]:
-    """The top-level packages and modules that a solver may be built on."""
+    """Return the top-level packages and modules that a solver may use."""
     own, others = offers.points()
     packages = {offers.package_of(point) for point in own}
     if not finding.is_own(solver):
@@ -58,7 +58,7 @@ def _packages(solver: finding.Solver) -> set[str]:
 
 
 def _sources(package: str) -> list[Path]:
-    """The Python files of a top-level package or module, which is not imported; none if it is not there."""
+    """Return the Python files of a top-level package or module without importing it; none if it is not there."""
     try:
         spec = importlib.util.find_spec(package)
     except (ImportError, ValueError):  # a misspelt name; the script that runs has none, but a file

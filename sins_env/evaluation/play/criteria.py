@@ -1,4 +1,4 @@
-"""What runs of a task are held against: times, thresholds and limits. docs/tasks_and_scores.md#alignment-criterion."""
+"""Criteria by which runs of a task are scored: times, thresholds and limits. docs/tasks_and_scores.md#alignment-criterion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.states import ERRORS, Block, answered
 
 AXES = ("E", "N", "U")
-#: The errors that are scored in navigation; alignment has ``phi`` alone. The last are differences of Euler angles.
+#: Layout of the errors that are scored in navigation; alignment has ``phi`` alone. The last are errors of Euler angles.
 SCORED = answered(navigate=True).plus(Block("euler", 3, "rad"))
 PHI = SCORED["phi"]
 #: Names of the components of SCORED.
@@ -25,32 +25,33 @@ COMPONENTS = (
 )  # fmt: skip
 COMPONENT_UNITS = tuple(block.unit for block in SCORED.blocks for _ in range(block.size))
 WORST = SCORED.values({"phi": WORST_PHI, "dv": WORST_VEL, "dp": WORST_POS, "euler": np.pi})
-NEES_AT = (0.25, 0.5, 0.75, 1.0)  #: parts of the fine phase at which the consistency is taken
-STEADY_LEAST_S, STEADY_PART = 60.0, 0.2
-DIVERGED_SIGMAS = 10.0
-DIVERGED_UNKNOWN = np.radians([10.0, 10.0, 90.0])  #: limits E, N, U after an unknown start
-MAX_HISTORY = 21_600  #: 6 h at 1 Hz; longer episodes are kept at a longer interval
+NEES_AT = (0.25, 0.5, 0.75, 1.0)  #: times at which the NEES is taken, as parts of the fine phase
+STEADY_LEAST_S, STEADY_PART = 60.0, 0.2  #: least length of the steady state, and its part of the duration
+DIVERGED_SIGMAS = 10.0  #: limit of divergence over the standard deviation of the told start
+DIVERGED_UNKNOWN = np.radians([10.0, 10.0, 90.0])  #: limits E, N, U after an unknown start, rad
+MAX_HISTORY = 21_600  #: most samples of a history, which are 6 h at 1 Hz; longer episodes have a longer interval
 
 
 @dataclass(frozen=True)
 class Criteria:
-    """What a run is held against. Times in s from switch-on."""
+    """Times, thresholds and limits by which a run is scored. Times are in s from switch-on."""
 
     epoch_s: float
     num_epochs: int
     coarse_epochs: int
-    delta: Array  #: (3,) rad thresholds of convergence
-    limit: Array  #: beyond which a run has diverged: (3,) rad, or (9,) rad, m/s and m
-    hold_s: float
-    known_start: bool = True
-    scored: bool = True  #: False for a recording without a reference: there are no errors then
-    lost_heading: bool = False  #: a start that may be anywhere: the limit in azimuth holds in the steady state only
+    delta: Array  #: (3,) thresholds of convergence, rad
+    limit: Array  #: limits of divergence, (3,) rad, or (9,) rad, m/s and m
+    hold_s: float  #: least time that an error must stay within its threshold until the end
+    known_start: bool = True  #: whether the start is told
+    scored: bool = True  #: whether errors are scored; a recording without a reference has none
+    lost_heading: bool = False  #: whether the start may have any heading; azimuth then has a limit in steady state only
     navigates: bool = False
-    span_from: int = 1  #: the first epoch over which the errors of a navigation task are averaged
-    final_limit: float = math.inf  #: rad in azimuth at T beyond which a run has failed
+    span_from: int = 1  #: first epoch over which the errors of a navigation task are averaged
+    final_limit: float = math.inf  #: azimuth error at T above which a run has failed, rad
 
     @classmethod
     def of(cls, task: EvaluationTask, public: types.Task, scored: bool = True) -> Criteria:
+        """Make the criteria of a task, with the times and the prior of its environment's public task."""
         known = public.start is not None
         limited = ERRORS.places(answered(public.navigate))
         limit = DIVERGED_SIGMAS * np.sqrt(np.diagonal(public.prior.P0))[limited]
@@ -76,42 +77,44 @@ class Criteria:
 
     @property
     def components(self) -> int:
-        """Of an error: those of COMPONENTS that are scored."""
+        """Number of the components of an error that are scored, the first ones of COMPONENTS."""
         return (SCORED if self.navigates else answered(navigate=False)).size
 
     @property
     def worst(self) -> Array:
-        """(components,) of a failed epoch, or of one that a run did not live to see."""
+        """Errors (components,) of a failed epoch, or of an epoch after the end of a run that raised or was lost."""
         return WORST[: self.components]
 
     @property
     def span(self) -> NDArray[np.bool_]:
-        """(S,) which samples of the history belong to the span over which navigation is scored."""
+        """Mask (S,) of the samples of the history that belong to the scored span of navigation."""
         sampled: NDArray[np.bool_] = self.history_t >= (self.span_from - 0.5) * self.epoch_s
         return sampled
 
     @property
     def duration_s(self) -> float:
+        """Duration of a run, s."""
         return self.num_epochs * self.epoch_s
 
     @property
     def coarse_s(self) -> float:
+        """Duration of the coarse phase, s."""
         return self.coarse_epochs * self.epoch_s
 
     @property
     def horizon_s(self) -> float:
-        """The latest time of convergence that can be seen, from the start of fine alignment."""
+        """Latest time of convergence that can be observed, s from the start of fine alignment."""
         return max(self.duration_s - self.coarse_s - self.hold_s, 0.0)
 
     @property
     def steady_from(self) -> int:
-        """The first epoch of the steady state: the last max(60 s, 20 %), at most the fine phase."""
+        """First epoch of the steady state, which is the last max(60 s, 20 %), and at most the fine phase."""
         length = max(STEADY_LEAST_S, STEADY_PART * self.duration_s)
         return max(self.num_epochs - round(length / self.epoch_s), self.coarse_epochs) + 1
 
     @property
     def history_stride(self) -> int:
-        """Epochs from one sample of the history to the next."""
+        """Number of epochs from one sample of the history to the next."""
         second = max(round(1.0 / self.epoch_s), 1)
         return second * max(math.ceil(self.num_epochs / second / MAX_HISTORY), 1)
 
@@ -122,6 +125,6 @@ class Criteria:
 
     @property
     def nees_epochs(self) -> tuple[int, ...]:
-        """Where the covariance is asked for; none after an unknown start, whose spread no prior states."""
+        """Epochs at which the NEES is taken; none after an unknown start, because no prior describes it."""
         fine = self.num_epochs - self.coarse_epochs
         return tuple(self.coarse_epochs + max(round(part * fine), 1) for part in NEES_AT) if self.known_start else ()

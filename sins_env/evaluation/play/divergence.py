@@ -1,4 +1,4 @@
-"""What becomes of a run, in a word and a line: whether it has diverged, and by which error."""
+"""Status of each run, and for one that has diverged the error that did."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sins_env.arrays import Array
 from sins_env.evaluation.play.criteria import COMPONENT_UNITS, Criteria
 
 STATUSES = ("ok", "diverged", "frozen", "raised", "lost")
-FAILED_EPOCH = "non-finite or zero action"  #: how the reason of a run with failed epochs begins
+FAILED_EPOCH = "non-finite or zero action"  #: first words of the reason of a run with failed epochs
 _NAMES = (
     "east",
     "north",
@@ -23,7 +23,14 @@ _NAMES = (
 def divergence(
     criteria: Criteria, failed_at: NDArray[np.int64], diverged_at: NDArray[np.int64], final: Array
 ) -> tuple[NDArray[np.str_], tuple[str, ...]]:
-    """Status and reason of each run, from its first failed epoch, the epochs of its limits, and its errors at the end."""
+    """Return status and reason of each run.
+
+    Args:
+        criteria: criteria of the task.
+        failed_at: (R,) first failed epoch; -1 for none.
+        diverged_at: (R, n) first epoch beyond the limit of each component; -1 for none.
+        final: (R, components) errors at the end.
+    """
     reasons = []
     for failed, diverged, last in zip(failed_at, diverged_at, final, strict=True):
         axes = [j for j in range(len(criteria.limit)) if diverged[j] > 0 and criteria.scored]

@@ -1,4 +1,4 @@
-"""Errors of attitudes as Euler angles, and errors held against their covariance."""
+"""Attitude errors as Euler angles, and the NEES of errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from sins_env.arrays import Array, Mask
 
 
 def euler_errors(q_nb: Array, phi: Array) -> Array:
-    """Errors of heading, pitch and roll (..., 3) rad of attitudes (..., 4) with the misalignment phi (..., 3)."""
+    """Return errors (..., 3) of heading, pitch and roll, rad, of attitudes (..., 4) with misalignment phi (..., 3)."""
     C = attitude.to_dcm(attitude.normalize(q_nb))
     true = np.matmul(np.swapaxes(attitude.misalignment_dcm(phi), -1, -2), C)
     pairs = zip(attitude.to_euler(C), attitude.to_euler(true), strict=True)
@@ -17,9 +17,9 @@ def euler_errors(q_nb: Array, phi: Array) -> Array:
 
 
 def nees(errors: Array, covariance: Array) -> Array:
-    """e' P^-1 e of each run: (R, n), (R, n, n) -> (R,); inf where P is not a covariance.
+    """Return e' P^-1 e of each run, (R, n), (R, n, n) -> (R,); inf if P is not a covariance.
 
-    The scale of each component is taken out first: radians beside metres would cost half of the digits.
+    Each component is scaled by its standard deviation first; radians beside metres would cost half of the digits.
     """
     scale = np.sqrt(np.abs(np.diagonal(covariance, axis1=-2, axis2=-1)))
     finite: Mask = np.asarray(np.isfinite(covariance).all(axis=(-2, -1)) & (scale > 0).all(axis=-1))

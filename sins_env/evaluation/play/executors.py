@@ -1,7 +1,6 @@
-"""Where jobs run: in this process, in worker processes, or in any ``concurrent.futures.Executor``.
+"""Runners of jobs: this process, worker processes, or any ``concurrent.futures.Executor``.
 
-A worker that dies costs only its job, which is run again once, alone; the second time it is handed back as
-lost.
+A worker that dies costs only its job, which runs once more, alone. If that worker dies, too, the runs of the job are lost.
 """
 
 from __future__ import annotations
@@ -27,13 +26,15 @@ EXECUTORS = ("processes", "dask")
 
 
 class Runner(Protocol):
+    """A place where jobs run."""
+
     def run(self, jobs: Sequence[Job], progress: Progress) -> Iterator[Finished]:
-        """Jobs with their records, in the order in which they end."""
+        """Yield jobs with their records, in the order in which they end."""
         ...
 
 
 class InProcess:
-    """One job after the other, with one BLAS thread."""
+    """Runner in this process: one job after the other, with one BLAS thread."""
 
     def run(self, jobs: Sequence[Job], progress: Progress) -> Iterator[Finished]:
         before = 0
@@ -50,9 +51,9 @@ class InProcess:
 
 
 class Borrowed:
-    """Any executor, which whoever made it closes; progress moves as jobs end.
+    """Runner in any executor, which its owner closes; progress moves when jobs end.
 
-    What ran when a worker died is tried again when all else has ended, one job at a time: the next death names its cause.
+    Jobs that ran when a worker died run again when all others have ended, one at a time, which shows the one at fault.
     """
 
     def __init__(self, executor: Executor) -> None:
@@ -97,20 +98,24 @@ class Borrowed:
 
 
 def _worker_died() -> tuple[type[BaseException], ...]:
-    """What a future raises if its worker died; Dask has an exception of its own."""
+    """Return the exceptions of a future whose worker died; Dask has one of its own."""
     distributed: Any = sys.modules.get("distributed")
     killed = getattr(distributed, "KilledWorker", None)
     return (BrokenExecutor, killed) if killed else (BrokenExecutor,)
 
 
 def _run_quietly(job: Job, attempt: int, parent: int) -> Records:
-    """``attempt`` makes a job that is run again another task to Dask, which remembers how the first one ended."""
+    """Run a job with one BLAS thread. Another ``attempt`` is a new task to Dask, which remembers how the first ended."""
     with nullcontext() if os.getpid() == parent else threadpool_limits(1):
         return run_job(job)
 
 
 def check_executor(name: str | None) -> None:
-    """Raises ValueError for a name that is none; the nearest is offered."""
+    """Check the name of an executor.
+
+    Raises:
+        ValueError: an unknown name; the error offers the nearest one.
+    """
     if name is not None and name not in EXECUTORS:
         raise unknown("executor", name, EXECUTORS)
 
@@ -119,15 +124,17 @@ def check_executor(name: str | None) -> None:
 def runner(
     executor: Executor | Runner | str | None, workers: int | None, jobs: int, apart: bool = False
 ) -> Iterator[Runner]:
-    """The runner for ``jobs`` jobs: what is given, or processes; one worker or one job stays in this one.
-
-    What is made here is closed in the end; what was given stays open.
+    """Yield the runner for a number of jobs; it is closed with the context, but a given executor stays open.
 
     Args:
-        apart: a worker process even for one: this one outlives whatever a solver does to its process.
+        executor: a runner, an executor, "dask", "processes" or None. The last two make worker processes, but one worker
+            or one job stays in this process.
+        workers: number of processes; None takes one per core.
+        jobs: number of jobs.
+        apart: whether even a single job has a worker process, so that this process outlives anything a solver does.
 
     Raises:
-        ValueError: no executor, or fewer than one worker.
+        ValueError: an unknown executor, or fewer than one worker.
     """
     if executor is not None and not isinstance(executor, str):
         if hasattr(executor, "run"):
@@ -162,7 +169,7 @@ _DASK = {
 
 @contextmanager
 def dask_client(workers: int) -> Iterator[Any]:
-    """A client of a cluster of its own on this machine: one thread in each of its processes.
+    """Yield a client of a new Dask cluster on this machine, with one thread in each of its processes.
 
     Raises:
         ValueError: Dask is not installed.

@@ -1,4 +1,4 @@
-"""What a field of Records says of itself: from this the results file, exports and comparisons derive their columns."""
+"""Descriptions of the fields of Records, from which the results file, exports and comparisons derive their columns."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sins_env.arrays import Array
 from sins_env.evaluation.play.criteria import AXES, COMPONENT_UNITS, COMPONENTS, NEES_AT, PHI
 
-#: How a column's heading ends in an export.
+#: Endings of the headings in an export, by unit.
 SUFFIXES = {"rad": "_rad", "m/s": "_mps", "m": "_m", "s": "_s", "": ""}
 _DTYPES: dict[str, Any] = {"number": float, "count": np.int64, "word": np.str_, "curve": np.float32}
 NEES_PARTS = tuple(f"{round(100 * part)}" for part in NEES_AT)
@@ -20,18 +20,18 @@ NEES_PARTS = tuple(f"{round(100 * part)}" for part in NEES_AT)
 
 @dataclass(frozen=True)
 class Field:
-    """One value of a run, or several parts, each a column."""
+    """Description of a field: one value of a run, or several parts, each of which is a column."""
 
     kind: Literal["number", "count", "word", "text", "curve"] = "number"
-    parts: tuple[str, ...] = ()  #: their names; none where the field is one value
-    units: tuple[str, ...] = ("",)  #: of each part
-    components: tuple[str, ...] = ()  #: the error that each part is one of, if it is
-    navigates: bool = False  #: of navigation tasks only; elsewhere it has no parts
-    column: str = ""  #: what its columns are named after, where that is not its own name
-    in_tables: bool = True  #: whether tables need it; those that they do not are not read for them
-    compared: bool = True  #: whether runs that are made again must have the same
-    since: int = 1  #: the schema of the results file that has it first; older files get its columns, empty
-    usual: str | int | None = None  #: what a word, text or count is in most runs
+    parts: tuple[str, ...] = ()  #: names of the parts; none if the field is one value
+    units: tuple[str, ...] = ("",)  #: unit of each part
+    components: tuple[str, ...] = ()  #: error component of each part, among COMPONENTS; none for other values
+    navigates: bool = False  #: whether only navigation tasks have it; in alignment it has no parts
+    column: str = ""  #: stem of the names of its columns, if it differs from ``name``
+    in_tables: bool = True  #: whether tables need it; fields that they do not need are not read for them
+    compared: bool = True  #: whether a run that is made again must have the same value
+    since: int = 1  #: first schema of the results file that has it; older files get its columns, empty
+    usual: str | int | None = None  #: value of a word, text or count in most runs
     name: str = ""
 
     @property
@@ -48,29 +48,29 @@ class Field:
 
     @property
     def width(self) -> int:
-        """How many columns it has."""
+        """Number of its columns."""
         return len(self.columns)
 
     def of_runs(self, values: Sequence[Any] | NDArray[Any]) -> Any:
-        """The field of runs from the values of each."""
+        """Return the field of several runs from the value of each."""
         return tuple(values) if self.kind == "text" else np.array(values, dtype=_DTYPES[self.kind])
 
     def absent(self, runs: int) -> Array:
-        """The field where the task has none: no parts, or NaN."""
+        """Return the field for a task that does not have it: no parts, or NaN."""
         return np.full((runs, 0) if self.parts else (runs,), np.nan)
 
     def unknown(self, runs: int) -> Array:
-        """The field where it was not read: NaN."""
+        """Return the field if it was not read: NaN."""
         return np.full((runs, self.width) if self.parts else (runs,), np.nan)
 
 
 def kept(**said: Any) -> Mapping[str, Field]:
-    """Say of a dataclass field what it is: ``field(metadata=kept(kind="count"))``."""
+    """Return the metadata that describe a dataclass field: ``field(metadata=kept(kind="count"))``."""
     return {"is": Field(**said)}
 
 
 def error_of(components: Sequence[str] = COMPONENTS[PHI], **said: Any) -> Mapping[str, Field]:
-    """Say that a field has an error of each of these components, by default of the misalignment along E, N, U."""
+    """Return the metadata of a field with an error of each of these components, by default the misalignment E, N, U."""
     parts = [axis.lower() for axis in AXES] if components == COMPONENTS[PHI] else components
     units = tuple(COMPONENT_UNITS[COMPONENTS.index(name)] for name in components)
     return kept(parts=tuple(parts), units=units, components=tuple(components), **said)

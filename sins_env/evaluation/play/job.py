@@ -1,4 +1,4 @@
-"""A job: some runs of one solver on one task, small enough to be sent to a worker."""
+"""A job for a worker: some runs of one solver on one task."""
 
 from __future__ import annotations
 
@@ -15,21 +15,25 @@ from sins_env.evaluation.tasks.task import EvaluationTask, solver_rng
 
 @dataclass(frozen=True)
 class Job:
-    """Some runs of one solver on one task: all that a worker needs, picklable."""
+    """Some runs of one solver on one task, with everything that a worker needs; it can be pickled."""
 
     task: EvaluationTask
     solver: finding.Solver
     runs: tuple[int, ...]
     settings: dict[str, Any] = field(default_factory=dict)
     suite_seed: int | None = None
-    #: s that one call of the estimator may take; it then has a process of its own, as it has at infinity. None: neither
+    #: Longest time of one call of the estimator, s. With a limit, even an infinite one, it has a process of its own.
     epoch_timeout_s: float | None = None
 
     def host(self) -> AbstractContextManager[Host]:
-        """The solver, ready to play; its process, if it has one, ends with the context."""
+        """Return a context with the solver ready to play; its process, if it has one, ends with the context.
+
+        Raises:
+            ValueError: no such solver, settings that it refuses, or a limit that is not positive.
+        """
         return hosted(self.solver, self.settings, self.epoch_timeout_s)
 
     def rngs(self) -> list[np.random.Generator]:
-        """The solver's own random numbers, one generator for each run."""
+        """Return the solver's random generators, one for each run."""
         name = finding.solver_name(self.solver)
         return [solver_rng(self.task, name, run, self.suite_seed) for run in self.runs]

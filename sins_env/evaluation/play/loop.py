@@ -1,6 +1,6 @@
 """The only loop that plays: one estimator against the runs of one environment, in lockstep, epoch by epoch.
 
-Scores, replays, times and the checks of the contract are all worked out from the epochs that it yields.
+Scores, replays and times are computed from the epochs that it yields.
 """
 
 from __future__ import annotations
@@ -19,33 +19,38 @@ from sins_env.evaluation.play.job import Job
 
 
 class Epoch(NamedTuple):
-    """What one epoch gave. Seconds are by the clock of the guard; those of the estimator are its own time only."""
+    """Action and info of one epoch, with the times of estimator and environment by the clock of the guard."""
 
-    k: int  #: from 1 on
-    action: Array  #: (R, 4), or (R, 10) of a navigation task
-    info: dict[str, Any]  #: of ``env.step``
-    estimator_s: float
-    env_s: float
+    k: int  #: number of the epoch, from 1 on
+    action: Array  #: (R, 4), or (R, 10) in navigation
+    info: dict[str, Any]  #: info of ``env.step``
+    estimator_s: float  #: time of the estimator's own step, s
+    env_s: float  #: time of the environment's step, s
 
 
 class Loop:
-    """An iterator over the epochs that are left. The estimator begins with the first one.
+    """Iterator over the epochs that are left. The first one resets the estimator.
 
     Args:
-        env: a vector environment that has been reset, or what has its ``unwrapped.task`` and ``step``.
-        obs: its first observation.
-        rngs: the solver's own random numbers, a generator for each run.
+        env: a vector environment that has been reset, or an object with its ``unwrapped.task`` and ``step``.
+        guard: estimator to play.
+        obs: first observation.
+        rngs: random generators of the solver, one for each run.
     """
 
     def __init__(self, env: Any, guard: Guarded, obs: Obs, rngs: Sequence[np.random.Generator]) -> None:
         self.env, self.guard, self.rngs = env, guard, rngs
-        self.obs = obs  #: what the estimator is given next, untouched by it
+        self.obs = obs  #: observation that the estimator gets next
         self.task: types.Task = env.unwrapped.task
-        self.k = 0  #: epochs played
+        self.k = 0  #: number of epochs that have been played
 
     @classmethod
     def of(cls, job: Job, host: Host, clock: Clock = time.perf_counter) -> Loop:
-        """The loop over the runs of a job, in an environment of their own."""
+        """Make the loop over the runs of a job, in a new environment.
+
+        Raises:
+            ValueError, FileNotFoundError: settings of the task that do not fit, or a recording that is not there.
+        """
         guard = host.guard(len(job.runs), clock)
         env = job.task.make(len(job.runs))
         obs, _ = job.task.reset(env, job.runs, job.suite_seed)
@@ -53,7 +58,7 @@ class Loop:
 
     @property
     def left(self) -> int:
-        """Epochs that are still to be played."""
+        """Number of epochs that are still to be played."""
         return self.task.num_epochs - self.k
 
     def __iter__(self) -> Loop:
@@ -78,5 +83,5 @@ class Loop:
         return Epoch(self.k, action, info, guard.seconds - before, guard.clock() - begin)
 
     def close(self) -> None:
-        """Close the environment; the estimator is its host's to end."""
+        """Close the environment; the host ends the estimator."""
         self.env.close()

@@ -1,4 +1,4 @@
-"""One run with its errors at every epoch, for figures and examples."""
+"""Play of one run with its errors at every epoch, for figures and examples."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from sins_env.evaluation.tasks.task import EvaluationTask, run_numbers
 
 @dataclass(frozen=True, repr=False)
 class Course:
-    """One run at full rate, for figures."""
+    """Errors of one run at every epoch."""
 
     records: Records
-    t: NDArray[np.floating[Any]]  #: (K,) s
-    errors: Array  #: (K, 3) rad, or (K, 9) rad, m/s and m; NaN where the recording has no reference
-    sigma: Array  #: of the same shape, the estimator's own; NaN where it states none
+    t: NDArray[np.floating[Any]]  #: (K,) time of each epoch, s
+    errors: Array  #: (K, 3) rad, or (K, 9) rad, m/s and m; NaN for a recording without a reference
+    sigma: Array  #: standard deviations that the estimator reports, in the shape of ``errors``; NaN if it does not
 
     @property
     def phi(self) -> Array:
-        """(K, 3) rad."""
+        """Misalignment E, N, U, (K, 3) rad."""
         return self.errors[:, :3]
 
     def __repr__(self) -> str:
@@ -50,7 +50,14 @@ def run_episode(
     """Play one run of the task's suite (or of the suite of ``seed``) and keep its errors at every epoch.
 
     Args:
-        epoch_timeout_s: as for ``evaluate``; infinity gives the solver a process of its own without a limit.
+        task: a task or its name.
+        solver: a name, ``module:Factory``, or a class or function.
+        run: number of the run, from 0 on.
+        seed: seed of the suite; None takes that of the task.
+        settings: settings of the solver.
+        observer: function called after each epoch.
+        epoch_timeout_s: longest time of one call, as in ``evaluate``. Infinity gives the solver a process of its own
+            without a limit.
 
     Raises:
         ValueError, FileNotFoundError: a task, a run, settings or a solver that do not fit.

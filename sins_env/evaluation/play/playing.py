@@ -1,9 +1,8 @@
-"""Playing runs for their scores, and what becomes of failures.
+"""Playing of runs for their scores, and the treatment of failures.
 
-The estimator gets observations and the public Task only. An exception is a failed run with its traceback on
-record; if a batched estimator raises, its batch is halved until the runs at fault stand alone, so that the
-others keep their scores. The same holds for a call that takes too long, or that ends the estimator's process,
-where the estimator has one (``epoch_timeout_s``): a run has failed if it takes longer than that alone.
+The estimator gets observations and the public Task only. A run in which it raises an exception has failed, and the records
+have its traceback. If a batched estimator raises, its batch is halved until the runs at fault are alone, so that the others
+keep their scores. The same holds for a call that takes longer than ``epoch_timeout_s`` or ends the estimator's process.
 """
 
 from __future__ import annotations
@@ -27,19 +26,19 @@ from sins_env.evaluation.play.loop import Loop
 from sins_env.evaluation.play.records import Records, Scorer
 from sins_env.evaluation.tasks.task import is_scored
 
-Tick = Callable[[int], None]  #: run-epochs done so far
-#: k, errors (R, 3) rad or (R, 9) rad, m/s, m, and as many sigmas or None; called after each epoch
+Tick = Callable[[int], None]  #: function called with the run-epochs done so far
+#: Function called after each epoch with its number, the errors (R, 3) rad or (R, 9) rad, m/s, m, and their sigmas or None.
 Observer = Callable[[int, Array, Array | None], None]
 
-BLOCK_EPOCHS = 100  #: errors are scored in blocks of so many epochs
+BLOCK_EPOCHS = 100  #: number of epochs whose errors are scored together
 
 
 def run_job(job: Job, tick: Tick | None = None) -> Records:
     """Play the runs of a job and score them.
 
     Raises:
-        ValueError, FileNotFoundError: settings of the task or the solver that do not fit. Never what an
-            estimator raises while it runs: that is on record.
+        ValueError, FileNotFoundError: settings of the task or the solver that do not fit. Exceptions of a running
+            estimator are in the records instead.
     """
     done = _Counter(tick)
     with job.host() as host:
@@ -48,7 +47,7 @@ def run_job(job: Job, tick: Tick | None = None) -> Records:
 
 
 class _Counter:
-    """Run-epochs done, for the progress display."""
+    """Counter of the run-epochs done, for the progress display."""
 
     def __init__(self, tick: Tick | None) -> None:
         self.tick, self.total = tick, 0
@@ -60,7 +59,7 @@ class _Counter:
 
 
 def _play_or_split(job: Job, host: Host, done: _Counter) -> Records:
-    """Play a batch; where its estimator raises, halve it (and make it afresh, its state is unknown)."""
+    """Play a batch; if its estimator raises, halve the batch, with a new estimator, for the old one's state is unknown."""
     before = done.total
     try:
         return play(job, host, done)
@@ -75,10 +74,10 @@ def _play_or_split(job: Job, host: Host, done: _Counter) -> Records:
 
 
 def play(job: Job, host: Host, done: Tick | None = None, observer: Observer | None = None) -> Records:
-    """One batch from the first observation to the last step.
+    """Play one batch from the first observation to the last step, and score it.
 
     Raises:
-        EstimatorError: the estimator failed in a batch of several runs; with one run it is on record instead.
+        EstimatorError: the estimator failed in a batch of several runs; a failure of a single run is in the records.
     """
     runs, loop = len(job.runs), Loop.of(job, host)
     criteria = Criteria.of(job.task, loop.task, is_scored(loop.env))
@@ -124,7 +123,7 @@ def play(job: Job, host: Host, done: Tick | None = None, observer: Observer | No
 
 
 class _Block:
-    """Some epochs' errors on their way to the scorer: what is worked out from them is worked out for all at once."""
+    """Buffer of the errors of some epochs, which are scored together."""
 
     def __init__(self, criteria: Criteria, runs: int) -> None:
         self.criteria, self.length = criteria, 0
@@ -133,7 +132,7 @@ class _Block:
         self.failed = np.zeros((runs, BLOCK_EPOCHS), dtype=bool)
 
     def keep(self, action: Array, info: dict[str, Any]) -> Array:
-        """Take an epoch; its errors but for those of the Euler angles, (R, 3) or (R, 9), NaN without a reference."""
+        """Keep an epoch, and return its errors without Euler angles, (R, 3) or (R, 9); NaN without a reference."""
         at, kinds = self.length, ("phi", "vel", "pos") if self.criteria.navigates else ("phi",)
         now = self.errors[:, at, : 3 * len(kinds)]
         if self.criteria.scored:
@@ -143,7 +142,7 @@ class _Block:
         return now.copy()
 
     def hand_over(self, scorer: Scorer) -> int:
-        """Have these epochs scored, and begin again; how many they were."""
+        """Pass the epochs to the scorer, empty the buffer, and return their number."""
         count, self.length = self.length, 0
         errors, failed = self.errors[:, :count], self.failed[:, :count]
         if count and self.criteria.navigates and self.criteria.scored:
@@ -156,13 +155,13 @@ class _Block:
 
 
 def _heading(action: Array) -> Array:
-    """(R,) rad of the last actions; NaN where they are no attitude."""
+    """Return the headings (R,) of the last actions, rad; NaN for an action without an attitude."""
     q = np.where(failed_epochs(action)[:, None], np.nan, action[:, :4])
     return attitude.to_euler(attitude.to_dcm(attitude.normalize(q)))[0]
 
 
 def _with_frozen(records: Records, frozen: NDArray[np.int64]) -> Records:
-    """Name the runs that the estimator itself gave up (and that did not diverge or raise besides)."""
+    """Mark the runs that the estimator itself gave up, unless they diverged or raised."""
     if not (frozen >= 0).any():
         return records
     hit = (frozen >= 0) & (records.status == "ok")
@@ -176,7 +175,7 @@ def _with_frozen(records: Records, frozen: NDArray[np.int64]) -> Records:
 
 
 def lost_records(job: Job, why: str) -> Records:
-    """Records of runs whose worker died: every epoch failed."""
+    """Return the records of runs whose worker died: every epoch has failed, for the reason ``why``."""
     env = job.task.make(len(job.runs))
     job.task.reset(env, job.runs, job.suite_seed)
     criteria = Criteria.of(job.task, env.unwrapped.task, is_scored(env))  # type: ignore[attr-defined]

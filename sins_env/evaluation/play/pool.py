@@ -1,4 +1,4 @@
-"""Worker processes that play jobs, and what becomes of a job whose worker dies."""
+"""Worker processes that play jobs. A job whose worker dies runs once more, alone."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from sins_env.evaluation.play.records import Records
 T = TypeVar("T")
 POLL_S = 0.1
 
-#: A job and what came of it; None: its worker died twice.
+#: A job with its records; None if its worker died twice.
 Finished = tuple[Job, Records | None]
-Progress = Callable[[float], None]  #: run-epochs done so far, of all jobs
+Progress = Callable[[float], None]  #: function called with the run-epochs done so far in all jobs
 
 
 class _Spawn(SpawnContext):
-    """Spawns processes, and remembers which, so that they can be ended."""
+    """Context that spawns processes and remembers them, so that they can be ended."""
 
     def __init__(self) -> None:
         self.started: list[SpawnProcess] = []
@@ -35,14 +35,14 @@ class _Spawn(SpawnContext):
 
 
 class Processes:
-    """A pool of worker processes (spawned), one BLAS thread each; a context manager."""
+    """Runner in a pool of spawned worker processes with one BLAS thread each; it is a context manager."""
 
     def __init__(self, workers: int | None = None) -> None:
         if workers is not None and workers < 1:
             raise ValueError(f"workers = {workers!r}; allowed: at least 1")
         self.workers = workers or available_cores()
         self._context = _Spawn()
-        #: run-epochs done by the job in each slot; the last element tells the workers to stop
+        #: Run-epochs done by the job in each slot; the last element tells the workers to stop.
         self._shared = self._context.RawArray("q", self.workers + 1)
         self._pool: ProcessPoolExecutor | None = None
 
@@ -67,7 +67,11 @@ class Processes:
         self._pool = None
 
     def call(self, function: Callable[..., T], *arguments: Any) -> T | None:
-        """What a function gives in a worker; None if the worker dies of it."""
+        """Call a function in a worker and return its result; None if the worker dies.
+
+        Raises:
+            RuntimeError: worker processes cannot start.
+        """
         try:
             with interrupts_held():
                 future = self._ready_pool().submit(function, *arguments)
@@ -77,6 +81,11 @@ class Processes:
             return None
 
     def run(self, jobs: Sequence[Job], progress: Progress) -> Iterator[Finished]:
+        """Yield jobs with their records, in the order in which they end.
+
+        Raises:
+            RuntimeError: worker processes cannot start.
+        """
         waiting = [(job, True) for job in reversed(jobs)]  # a stack; True: a first attempt
         suspects: list[tuple[Job, bool]] = []
         running: dict[Future[Records], tuple[Job, bool, int]] = {}
@@ -124,12 +133,12 @@ class Processes:
 
 
 def available_cores() -> int:
-    """The cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class _Stopped(Exception):
-    """The parent wants no more results."""
+    """Stop of a worker whose parent wants no more results."""
 
 
 _shared: Any = None

@@ -1,4 +1,4 @@
-"""Progress in the terminal: rate and time left, on standard error, and nothing where that is no terminal."""
+"""Progress bar with rate and time left, on standard error; nothing is shown if that is not a terminal."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task
 from rich.table import Column
 from rich.text import Text
 
-BAR_LEAST, BAR_MOST = 6, 24
-#: columns of the terminal: a space, and "100%", "12,345x", "0:12:34 left", "0:12:34", "azimuth -123.456 deg"
+BAR_LEAST, BAR_MOST = 6, 24  #: least and most characters of the bar
+#: Characters of each part with a space: "100%", "12,345x", "0:12:34 left", "0:12:34", "azimuth -123.456 deg".
 PERCENT, RATE, LEFT, ELAPSED, NOTE = 5, 8, 13, 8, 21
 
 
 class _Cell(ProgressColumn):
-    """One line of text that is never wrapped; empty where there is nothing to say yet."""
+    """Column with one line of text that is never wrapped; it is empty until the text is known."""
 
     def __init__(self, text: Callable[[Task], str], style: str = "", most: int | None = None) -> None:
         super().__init__(table_column=Column(no_wrap=True, overflow="ellipsis", max_width=most))
@@ -33,7 +33,7 @@ def _percent(task: Task) -> str:
 
 
 def _rate(task: Task) -> str:
-    """How many times faster than real time: the unit of work is a second of one run."""
+    """Return how many times faster than real time the work is, whose unit is a second of one run."""
     speed = task.finished_speed or task.speed
     return f"{speed:,.0f}x" if speed and speed >= 0.5 else ""
 
@@ -48,9 +48,9 @@ def _elapsed(task: Task) -> str:
 
 
 class Bar:
-    """A progress bar over simulated seconds; a context manager. ``note`` is free text beside it.
+    """Progress bar over simulated seconds, which is a context manager. ``note`` is free text beside it.
 
-    One line whatever the width: the bar shrinks first, then the elapsed time goes, then the note, then the label is cut.
+    It takes one line at any width: first the bar shrinks, then elapsed time and note are left out, and then the label is cut.
     """
 
     def __init__(self, label: str, total: float | None = None, console: Console | None = None) -> None:
@@ -82,5 +82,5 @@ class Bar:
         self._progress.stop()
 
     def update(self, done: float | None = None, total: float | None = None, note: str = "") -> None:
-        """Show how much is done, and of how much; None leaves it as it is."""
+        """Show the work done and its total; None leaves a number as it is."""
         self._progress.update(self._task, completed=done, total=total, note=note)

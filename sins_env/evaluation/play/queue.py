@@ -1,4 +1,4 @@
-"""Many runs as one queue of jobs: the workers share what is left, whichever task or solver it is of."""
+"""Queue of jobs of many runs, which the workers share whatever the task or the solver."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from sins_env.evaluation.play.playing import lost_records
 from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.tasks.task import EvaluationTask
 
-#: simulated seconds done, and in all, summed over runs
+#: Function called with the simulated seconds done and with their total, summed over runs.
 Report = Callable[[float, float], None]
 
-CHUNK_LEAST, CHUNK_MOST = 64, 256
+CHUNK_LEAST, CHUNK_MOST = 64, 256  #: least and most runs of a chunk by default
 DIED = "its worker process died twice (out of memory, or a crash)"
 
 
 def chunks(runs: Sequence[int], size: int | None = None) -> list[tuple[int, ...]]:
-    """Runs in even portions of at most ``size``; by default of 64 to 256, and whatever the number of workers.
+    """Return the runs in even chunks of at most ``size``, by default 64 to 256, whatever the number of workers.
 
     Raises:
         ValueError: a size below one.
@@ -34,7 +34,7 @@ def chunks(runs: Sequence[int], size: int | None = None) -> list[tuple[int, ...]
 
 
 def extent(task: EvaluationTask, runs: int) -> tuple[float, float]:
-    """Length of an epoch, and of all runs together, s."""
+    """Return the length of an epoch and of all runs together, s."""
     env = task.make(1)
     public = env.unwrapped.task  # type: ignore[attr-defined]
     env.close()
@@ -42,7 +42,7 @@ def extent(task: EvaluationTask, runs: int) -> tuple[float, float]:
 
 
 def played(jobs: Sequence[Job], where: Runner, report: Report | None = None) -> Iterator[tuple[Job, Records]]:
-    """Jobs with their records, in the order in which they end; the runs of a job whose worker died twice are lost."""
+    """Yield jobs with their records, in the order in which they end; the runs of a job whose worker died twice are lost."""
     runs: dict[str, tuple[EvaluationTask, int]] = {}
     for job in jobs:
         runs[job.task.name] = job.task, runs.get(job.task.name, (job.task, 0))[1] + len(job.runs)

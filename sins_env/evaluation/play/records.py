@@ -1,12 +1,12 @@
-"""Scores of single runs: what is kept of a run, and how it is worked out while the run is played.
+"""Scores of single runs, which are computed while the run is played.
 
-Errors of every epoch enter: phi (E, N, U) rad, of navigation tasks all of COMPONENTS. What stays per run is a handful of
-numbers and a history at 1 Hz, so that memory does not grow with the duration. The definitions are those of
-docs/tasks_and_scores.md#alignment-criterion. A failed epoch (an action that is not finite) carries the worst error that can
-be expressed, and so counts in every score. Without a reference every score of an error is NaN.
+The errors of every epoch come in: phi (E, N, U) in rad, and in navigation all of COMPONENTS. A few numbers per run and a
+history at 1 Hz remain, so that memory does not grow with the duration. docs/tasks_and_scores.md#alignment-criterion has the
+definitions. A failed epoch, with an action that is not finite, has the worst possible error and so counts in every score.
+Without a reference all scores of errors are NaN.
 
-A new score of a run is a field of :class:`Records`, which says what it is, and what :class:`Scorer` works out for it; with
-``since`` the next schema of the results file. The file, exports and comparisons of runs derive the rest.
+A new score of a run is a field of :class:`Records` with its description, and its computation in :class:`Scorer`. Its
+``since`` is the next schema of the results file. The file, exports and comparisons of runs derive their columns from it.
 """
 
 from __future__ import annotations
@@ -23,44 +23,46 @@ from sins_env.evaluation.play.criteria import COMPONENTS, NEES_AT, PHI, SCORED, 
 from sins_env.evaluation.play.divergence import FAILED_EPOCH, divergence
 from sins_env.evaluation.play.fields import NEES_PARTS, Field, error_of, kept
 
-#: Components whose limits hold in the steady state only: a wrong attitude moves them until the filter has found it.
+#: Components that have limits in the steady state only, because a wrong attitude moves them until the filter has found it.
 LATE = SCORED.span("dv", "dp")
 _NEES = {"parts": NEES_PARTS, "units": ("",) * len(NEES_PARTS)}
 
 
 @dataclass(frozen=True)
 class Records:
-    """Runs of one solver on one task, one row per run. rad, and s from the start of fine alignment."""
+    """Runs of one solver on one task, one row per run. Units are rad, and s from the start of fine alignment."""
 
     criteria: Criteria
-    run: NDArray[np.int64] = field(metadata=kept(kind="count"))  #: (R,) their numbers
+    run: NDArray[np.int64] = field(metadata=kept(kind="count"))  #: (R,) numbers of the runs
     #: (R,) one of STATUSES
     status: NDArray[np.str_] = field(metadata=kept(kind="word", usual="ok"))
-    #: (R,) one line; empty where nothing went wrong
+    #: (R,) reason of a failure, in one line; empty for a good run
     reason: tuple[str, ...] = field(metadata=kept(kind="text", usual="", compared=False))
-    traceback: tuple[str, ...] = field(metadata=kept(kind="text", usual="", compared=False))  #: (R,)
-    repairs: NDArray[np.int64] = field(metadata=kept(kind="count", usual=0))  #: (R,) covariance repairs
-    #: (R,) times that a safeguard replaced the estimator's own rule
+    #: (R,) traceback of the estimator's exception; empty if it raised none
+    traceback: tuple[str, ...] = field(metadata=kept(kind="text", usual="", compared=False))
+    repairs: NDArray[np.int64] = field(metadata=kept(kind="count", usual=0))  #: (R,) number of covariance repairs
+    #: (R,) number of times that a safeguard replaced the estimator's own rule
     fallbacks: NDArray[np.int64] = field(metadata=kept(kind="count", usual=0, since=2))
-    #: (R, 3) s; inf where censored; this and the errors are NaN where they are not scored
+    #: (R, 3) time of convergence E, N, U; inf if censored, and NaN, like the errors, if errors are not scored
     t_conv: Array = field(metadata=kept(parts=("e", "n", "u"), units=("s",) * 3))
-    hold_max: Array = field(metadata=error_of(in_tables=False))  #: (R, 3) largest |error| of the last hold_s
-    steady_mean: Array = field(metadata=error_of(in_tables=False))  #: (R, 3)
-    steady_std: Array = field(metadata=error_of(in_tables=False))  #: (R, 3)
-    steady_rms: Array = field(metadata=error_of())  #: (R, 3)
+    hold_max: Array = field(metadata=error_of(in_tables=False))  #: (R, 3) largest |error| in the last hold_s
+    steady_mean: Array = field(metadata=error_of(in_tables=False))  #: (R, 3) mean error in the steady state
+    steady_std: Array = field(metadata=error_of(in_tables=False))  #: (R, 3) standard deviation in the steady state
+    steady_rms: Array = field(metadata=error_of())  #: (R, 3) RMS error in the steady state
     final: Array = field(metadata=error_of())  #: (R, 3) error at T
-    #: (R,) estimated at T; NaN where there is none, as in a run that raised
+    #: (R,) estimated heading at T; NaN if there is none, for example in a run that raised
     heading: Array = field(metadata=kept(units=("rad",), components=("heading",)))
-    #: (R,) estimator time per run and epoch in its batch
+    #: (R,) time of the estimator per run and epoch in its batch
     step_s: Array = field(metadata=kept(units=("s",), in_tables=False, compared=False))
-    #: (R, len(NEES_AT)); NaN where the estimator has no covariance, inf where it is none
+    #: (R, len(NEES_AT)) NEES of the attitude; NaN if the estimator reports no covariance, inf if that is not valid
     nees: Array = field(metadata=kept(**_NEES))
-    #: (R, S, components) at criteria.history_t; NaN once the run has raised
+    #: (R, S, components) errors at criteria.history_t; NaN after the run has raised
     history: NDArray[np.float32] = field(metadata=kept(kind="curve", compared=False))
-    #: (R, 12) over the scored span; (R, 0) where the task does not navigate, as the fields below
+    #: (R, 12) RMS over the scored span; this and the fields below have shape (R, 0) in alignment
     span_rms: Array = field(metadata=error_of(COMPONENTS, column="rms", navigates=True, since=4))
-    span_final: Array = field(metadata=error_of(COMPONENTS, column="final", navigates=True, since=4))  #: (R, 12) at T
-    #: (R, len(NEES_AT)) as nees, of attitude, velocity and position together
+    #: (R, 12) error at T
+    span_final: Array = field(metadata=error_of(COMPONENTS, column="final", navigates=True, since=4))
+    #: (R, len(NEES_AT)) NEES of attitude, velocity and position together
     nees_all: Array = field(metadata=kept(**_NEES, navigates=True, since=4))
 
     def __len__(self) -> int:
@@ -68,47 +70,48 @@ class Records:
 
     @property
     def aligned_s(self) -> Array:
-        """(R,) when all three errors have converged, s from the start of the fine phase; inf: censored, NaN: not scored."""
+        """Time (R,) when all three errors have converged, s from the start of fine alignment; inf if censored."""
         return self.t_conv.max(axis=1)
 
     @property
     def failed(self) -> Mask:
-        """(R,) runs that did not come to a good end: they diverged, froze, raised or were lost."""
+        """Mask (R,) of runs that failed: they diverged, froze, raised or were lost."""
         return np.asarray(self.status != "ok", dtype=bool)
 
     @property
     def unfinished(self) -> Mask:
-        """(R,) runs that raised or were lost."""
+        """Mask (R,) of runs that raised or were lost."""
         return np.isin(self.status, ("raised", "lost"))
 
     @property
     def broken(self) -> Mask:
-        """(R,) runs that raised, were lost, or had a failed epoch: their estimator is at fault, not its accuracy."""
+        """Mask (R,) of runs that raised, were lost, or had a failed epoch: defects of the estimator, not low accuracy."""
         return self.unfinished | np.array([text.startswith(FAILED_EPOCH) for text in self.reason], dtype=bool)
 
     def row(self, i: int) -> dict[str, Any]:
-        """Every field but ``criteria`` of one run."""
+        """Return every field of one run, without ``criteria``, by name."""
         return {name: getattr(self, name)[i] for name in FIELDS}
 
     @classmethod
     def of_rows(cls, criteria: Criteria, rows: Sequence[dict[str, Any]]) -> Records:
-        """The inverse of :meth:`row`, in the order of the runs."""
+        """Return records from rows, sorted by run; the inverse of :meth:`row`."""
         rows = sorted(rows, key=lambda row: int(row["run"]))
         return cls(criteria, **{name: one.of_runs([row[name] for row in rows]) for name, one in FIELDS.items()})
 
     @classmethod
     def concat(cls, parts: Sequence[Records]) -> Records:
+        """Join records of other runs by the same criteria, sorted by run."""
         return cls.of_rows(parts[0].criteria, [part.row(i) for part in parts for i in range(len(part))])
 
 
-#: What each field but ``criteria`` says of itself, by name.
+#: Description of each field, without ``criteria``, by name.
 FIELDS: dict[str, Field] = {
     one.name: replace(one.metadata["is"], name=one.name) for one in fields(Records) if "is" in one.metadata
 }
 
 
 class Scorer:
-    """Takes the errors of a batch in order; :meth:`records` when all are in (the rest by :meth:`fill`)."""
+    """Scores of a batch: :meth:`add` takes errors in their order, :meth:`fill` the rest, and :meth:`records` returns all."""
 
     def __init__(self, criteria: Criteria, num_runs: int) -> None:
         self.criteria, self.k = criteria, 0
@@ -125,7 +128,7 @@ class Scorer:
         self.history = np.full((num_runs, len(criteria.history_t), criteria.components), np.nan, dtype=np.float32)
 
     def add(self, errors: Array, failed: Mask) -> None:
-        """The next n epochs: (R, n, components) and (R, n)."""
+        """Add the errors (R, n, components) of the next n epochs, and the mask (R, n) of failed ones."""
         c, phi = self.criteria, errors[..., PHI]
         k = self.k + 1 + np.arange(phi.shape[1])
         self.k += phi.shape[1]
@@ -154,7 +157,7 @@ class Scorer:
         self.final = errors[:, -1].copy()
 
     def fill(self) -> None:
-        """The epochs that a run no longer lived to see: the worst errors, and no history."""
+        """Add the worst errors for all epochs that are left, without a history."""
         history = self.history.copy()
         while self.k < self.criteria.num_epochs:
             n = min(self.criteria.num_epochs - self.k, 1000)
@@ -164,7 +167,15 @@ class Scorer:
         self.history = history
 
     def records(self, run: Sequence[int], **given: Any) -> Records:
-        """The scores. ``given``: any of the fields status, reason, traceback, repairs, fallbacks, heading, step_s."""
+        """Return the records of the runs after all epochs have been added.
+
+        Args:
+            run: numbers of the runs.
+            given: any of the fields status, reason, traceback, repairs, fallbacks, heading, step_s.
+
+        Raises:
+            ValueError: epochs are missing.
+        """
         c, runs = self.criteria, len(run)
         if self.k != c.num_epochs:
             raise ValueError(f"{self.k} epochs were scored; allowed: all {c.num_epochs}")
@@ -200,14 +211,14 @@ class Scorer:
 
 
 def _first(at: NDArray[np.int64], hit: Mask, k: NDArray[np.int64]) -> None:
-    """Note, in place, the epoch of the first hit (R, n, ...) where none is noted yet."""
+    """Set ``at`` in place to the epoch of the first hit (R, n, ...), unless it is set already."""
     new = hit.any(axis=1) & (at < 0)
     if new.any():
         at[new] = k[hit.argmax(axis=1)][new]
 
 
 def score(errors: Array, failed: Mask | None, criteria: Criteria) -> Records:
-    """Scores of complete error histories: (R, K, components), (R, K) or None."""
+    """Return the records of complete errors (R, K, components), with the mask (R, K) of failed epochs or None."""
     scorer = Scorer(criteria, len(errors))
     scorer.add(errors, np.zeros(errors.shape[:2], dtype=bool) if failed is None else failed)
     return scorer.records(range(len(errors)))

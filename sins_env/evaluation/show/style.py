@@ -63,6 +63,7 @@ def bound_style(bound: Bound, name: str = "Cramér-Rao bound") -> dict[str, Any]
 
 
 def say_unscored(axes: Axes) -> None:
+    """Write into the axes that errors are not scored."""
     axes.text(0.5, 0.5, NO_REFERENCE, transform=axes.transAxes, ha="center", va="center", fontsize=9, color="0.35")
 
 
@@ -77,6 +78,7 @@ def few_labels(axis: Any) -> Callable[[float, Any], str]:
 
 
 def threshold_text(task: EvaluationTask) -> str:
+    """Return the label of the task's thresholds."""
     return f"threshold of the task: {task.delta_azimuth_deg:g} deg, {task.delta_level_arcsec:g} arcsec"
 
 

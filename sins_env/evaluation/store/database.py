@@ -86,7 +86,7 @@ class Database:
 
     @contextmanager
     def explaining(self) -> Iterator[None]:
-        """Turn errors of SQLite into a StoreError that says which file and why."""
+        """Turn errors of SQLite into a StoreError with the file and the reason."""
         try:
             yield
         except sqlite3.Error as error:
@@ -94,7 +94,7 @@ class Database:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Do all of the block, or nothing."""
+        """Write everything in the context, or nothing if it raises an exception."""
         self.connection.execute("BEGIN IMMEDIATE")
         try:
             yield
@@ -106,7 +106,7 @@ class Database:
 
     @contextmanager
     def reading(self, what: str) -> Iterator[None]:
-        """Turn what a damaged row raises into a StoreError that says what cannot be read."""
+        """Turn the exceptions of a damaged row into a StoreError that names what cannot be read."""
         try:
             yield
         except (TypeError, ValueError, KeyError, zlib.error) as error:
