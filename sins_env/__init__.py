@@ -27,9 +27,8 @@ from sins_env import registering as _registering
 from sins_env.prior import Prior
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS, GpsSpec, ImuSpec
 from sins_env.types import Estimator, NavState, Observation, Site, Task
-from sins_env.version import VERSION
 
-__version__ = VERSION
+__version__ = "0.1.0"
 __all__ = [
     "GPS_PRESETS",
     "IMU_PRESETS",

@@ -8,9 +8,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
+from sins_env import __version__
 from sins_env.cli.arguments import Parser, count, number, positive, seed, setting, several
 from sins_env.recordings import FORMATS
-from sins_env.version import VERSION
 
 DEFAULT_DB = "results.sqlite"
 CODES = (
@@ -51,7 +51,7 @@ def parser() -> Parser:
     """Return the parser of all verbs. The default ``go`` of a verb is its function, as ``module:name`` of this folder."""
     about = "Which filter aligns a strapdown inertial system fastest?"
     top = Parser(prog="sins-env", description=about, epilog=CODES)
-    top.add_argument("--version", action="version", version=f"%(prog)s {VERSION}")
+    top.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     verbs = top.add_subparsers(dest="verb", metavar="VERB", parser_class=Parser, required=True)
     top.verbs = verbs.choices
 

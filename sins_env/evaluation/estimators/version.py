@@ -9,8 +9,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from sins_env import __version__
 from sins_env.evaluation.estimators import finding, offers
-from sins_env.version import VERSION
 
 WORLD = Path(__file__).parents[2]  #: folder of the package ``sins_env``
 #: Parts of the package that do not decide scores, except the folders SCORING. All other parts make the world.
@@ -36,7 +36,7 @@ def code_version(solver: finding.Solver) -> str:
     digest = hashlib.sha256()
     for path in sorted(files):
         digest.update(path.name.encode() + path.read_bytes())
-    return f"{VERSION}+{digest.hexdigest()[:8]}"
+    return f"{__version__}+{digest.hexdigest()[:8]}"
 
 
 def _scoring() -> Iterator[Path]:
