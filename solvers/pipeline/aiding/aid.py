@@ -33,7 +33,7 @@ class Aid(Protocol):
         ...
 
     def read(self, obs: Observation, nav: NavState) -> tuple[NavState, Measurement | None]:
-        """The INS's state ``nav`` with what a reading does to it directly, and the measurement there.
+        """Return the state ``nav`` of the INS with what a reading does to it directly, and the measurement there.
 
         The measurement is None if no run has a reading.
         """

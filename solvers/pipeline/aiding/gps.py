@@ -55,7 +55,7 @@ class Gps:
         return NavState(q_nb, vel * obs["gps_valid"], pos)
 
     def read(self, obs: Observation, nav: NavState) -> tuple[NavState, Measurement | None]:
-        """The INS, its vertical velocity slaved to the fixes unless it is a state, and INS minus fix."""
+        """Return the INS, with its vertical velocity slaved to the fixes unless it is a state, and INS minus fix."""
         valid = np.asarray(obs["gps_valid"][..., 0] == 1)
         if not valid.any():
             return nav, None
