@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sins_env import types
 from sins_env.arrays import Array, Obs
+from sins_env.states import answered
 
 Clock = Callable[[], float]
 Health = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
@@ -128,7 +129,7 @@ class Guard:
         return self._array("step", action, 10 if self.navigate else 4)
 
     def covariance(self) -> Array | None:
-        n = 9 if self.navigate else 3
+        n = answered(self.navigate).size
         return self._array("covariance", self._call("covariance"), n, n) if self.offers("covariance") else None
 
     def _array(self, name: str, value: Any, *shape: int) -> Array:

@@ -19,6 +19,7 @@ AXES = ("E", "N", "U")
 #: Layout of the errors that are scored in navigation; alignment has ``phi`` alone. The last are errors of Euler angles.
 SCORED = answered(navigate=True).plus(Block("euler", 3, "rad"))
 PHI = SCORED["phi"]
+AZIMUTH = PHI.start + AXES.index("U")  #: index of the azimuth error among the components
 #: Names of the components of SCORED.
 COMPONENTS = (
     "phi_e", "phi_n", "phi_u", "vel_e", "vel_n", "vel_u", "pos_e", "pos_n", "pos_u", "heading", "pitch", "roll",
@@ -57,9 +58,9 @@ class Criteria:
         limit = DIVERGED_SIGMAS * np.sqrt(np.diagonal(public.prior.P0))[limited]
         if not known:
             limit[PHI] = DIVERGED_UNKNOWN
-        lost_heading = bool(limit[2] >= math.pi)
+        lost_heading = bool(limit[AZIMUTH] >= math.pi)
         if lost_heading:
-            limit[2] = DIVERGED_UNKNOWN[2]
+            limit[AZIMUTH] = DIVERGED_UNKNOWN[AZIMUTH]
         return cls(
             epoch_s=public.epoch_s,
             num_epochs=public.num_epochs,

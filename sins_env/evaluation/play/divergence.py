@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env.arrays import Array
-from sins_env.evaluation.play.criteria import COMPONENT_UNITS, Criteria
+from sins_env.evaluation.play.criteria import AZIMUTH, COMPONENT_UNITS, Criteria
 
 STATUSES = ("ok", "diverged", "frozen", "raised", "lost")
 FAILED_EPOCH = "non-finite or zero action"  #: first words of the reason of a run with failed epochs
@@ -40,7 +40,7 @@ def divergence(
             j = min(axes, key=lambda axis: int(diverged[axis]))
             at = diverged[j] * criteria.epoch_s
             reasons.append(f"{_NAMES[j]} error beyond {_limit(criteria, j)} at {at:.1f} s")
-        elif criteria.scored and abs(last[2]) > criteria.final_limit:
+        elif criteria.scored and abs(last[AZIMUTH]) > criteria.final_limit:
             reasons.append(f"azimuth error beyond {math.degrees(criteria.final_limit):.3g} deg at the end")
         else:
             reasons.append("")

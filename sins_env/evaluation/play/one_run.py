@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from sins_env.arrays import Array
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.estimators.isolation import check_timeout
+from sins_env.evaluation.play.criteria import PHI
 from sins_env.evaluation.play.job import Job
 from sins_env.evaluation.play.playing import Observer, play
 from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask, run_numbers
+from sins_env.states import answered
 
 
 @dataclass(frozen=True, repr=False)
@@ -30,7 +32,7 @@ class Course:
     @property
     def phi(self) -> Array:
         """Misalignment E, N, U, (K, 3) rad."""
-        return self.errors[:, :3]
+        return self.errors[:, PHI]
 
     def __repr__(self) -> str:
         records = self.records
@@ -78,5 +80,5 @@ def run_episode(
     job = Job(task, solver, (run,), dict(settings or {}), seed, epoch_timeout_s)
     with job.host() as host:
         records = play(job, host, observer=keep)
-    t, width = (1 + np.arange(len(kept))) * records.criteria.epoch_s, 9 if records.criteria.navigates else 3
+    t, width = (1 + np.arange(len(kept))) * records.criteria.epoch_s, answered(records.criteria.navigates).size
     return Course(records, t, np.array(kept).reshape(-1, width), np.array(sigmas).reshape(-1, width))

@@ -19,17 +19,20 @@ from sins_env.arrays import Array
 from sins_env.envs.reward import failed_epochs
 from sins_env.evaluation.estimators.guard import EstimatorError
 from sins_env.evaluation.estimators.isolation import Host
-from sins_env.evaluation.play.criteria import Criteria
+from sins_env.evaluation.play.criteria import PHI, SCORED, Criteria
 from sins_env.evaluation.play.errors import euler_errors, nees
 from sins_env.evaluation.play.job import Job
 from sins_env.evaluation.play.loop import Loop
 from sins_env.evaluation.play.records import Records, Scorer
 from sins_env.evaluation.tasks.task import is_scored
+from sins_env.states import answered
 
 Tick = Callable[[int], None]  #: function called with the run-epochs done so far
 #: Function called after each epoch with its number, the errors (R, 3) rad or (R, 9) rad, m/s, m, and their sigmas or None.
 Observer = Callable[[int, Array, Array | None], None]
 
+#: Names in ``info["errors"]`` of an environment for the errors of an answer.
+REPORTED = {"phi": "phi", "dv": "vel", "dp": "pos"}
 BLOCK_EPOCHS = 100  #: number of epochs whose errors are scored together
 
 
@@ -90,7 +93,7 @@ def play(job: Job, host: Host, done: Tick | None = None, observer: Observer | No
             P = guard.covariance() if k in ask or (observer and criteria.known_start) else None
             errors = block.keep(action, info)
             if k in ask and P is not None:
-                scorer.nees[:, ask[k]] = nees(errors[:, :3], P[:, :3, :3])
+                scorer.nees[:, ask[k]] = nees(errors[:, PHI], P[:, PHI, PHI])
                 if criteria.navigates:
                     scorer.nees_all[:, ask[k]] = nees(errors, P)
             if observer:
@@ -133,10 +136,10 @@ class _Block:
 
     def keep(self, action: Array, info: dict[str, Any]) -> Array:
         """Keep an epoch, and return its errors without Euler angles, (R, 3) or (R, 9); NaN without a reference."""
-        at, kinds = self.length, ("phi", "vel", "pos") if self.criteria.navigates else ("phi",)
-        now = self.errors[:, at, : 3 * len(kinds)]
-        if self.criteria.scored:
-            now[:] = np.concatenate([info["errors"][kind] for kind in kinds], axis=1)
+        at, answer = self.length, answered(self.criteria.navigates)
+        now = self.errors[:, at, : answer.size]
+        for name in answer.names if self.criteria.scored else ():
+            now[:, answer[name]] = info["errors"][REPORTED[name]]
         self.failed[:, at], self.q_nb[:, at] = info["failed"], action[:, :4]
         self.length += 1
         return now.copy()
@@ -147,7 +150,7 @@ class _Block:
         errors, failed = self.errors[:, :count], self.failed[:, :count]
         if count and self.criteria.navigates and self.criteria.scored:
             q = np.where(failed[..., None], [1.0, 0.0, 0.0, 0.0], self.q_nb[:, :count])
-            errors[..., 9:] = euler_errors(q, errors[..., :3])
+            errors[..., SCORED["euler"]] = euler_errors(q, errors[..., PHI])
             errors[failed] = self.criteria.worst
         if count:
             scorer.add(errors, failed)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env.arrays import Array, Mask
-from sins_env.evaluation.play.criteria import COMPONENTS, NEES_AT, PHI, SCORED, Criteria
+from sins_env.evaluation.play.criteria import AXES, AZIMUTH, COMPONENTS, NEES_AT, PHI, SCORED, Criteria
 from sins_env.evaluation.play.divergence import FAILED_EPOCH, divergence
 from sins_env.evaluation.play.fields import NEES_PARTS, Field, error_of, kept
 
@@ -115,7 +115,7 @@ class Scorer:
 
     def __init__(self, criteria: Criteria, num_runs: int) -> None:
         self.criteria, self.k = criteria, 0
-        shape = (num_runs, 3)
+        shape = (num_runs, len(AXES))
         self.last_bad = np.full(shape, criteria.coarse_epochs)
         self.hold_max = np.zeros(shape)
         self.shift, self.sum, self.squares = np.full(shape, np.nan), np.zeros(shape), np.zeros(shape)
@@ -142,7 +142,7 @@ class Scorer:
         steady = (k >= c.steady_from)[:, None]
         beyond[..., LATE] &= steady
         if c.lost_heading:
-            beyond[..., 2:3] &= steady
+            beyond[..., AZIMUTH] &= steady[:, 0]
         _first(self.diverged_at, beyond, k)
         _first(self.failed_at, failed, k)
         if c.navigates:

@@ -22,6 +22,7 @@ from sins_env.evaluation.play.loop import Loop
 from sins_env.evaluation.replay.track import Track
 from sins_env.evaluation.tasks.task import is_scored
 from sins_env.recordings import heading_pitch_roll
+from sins_env.states import FIX
 
 ANGLES = ("heading", "pitch", "roll")
 
@@ -120,7 +121,7 @@ def replay(
     starts = np.concatenate([one.unwrapped.episode.world.windows.starts for one in made])
     t = (1 + np.arange(public.num_epochs)) * public.epoch_s
     fine = t > public.coarse_s + 1e-9
-    states = (actions[..., :4], actions[..., 7:], fixes, errors[..., :3], errors[..., 3:])
+    states = (actions[..., :4], actions[..., 7:], fixes, errors[..., FIX["dv"]], errors[..., FIX["dp"]])
     return Replay(
         recording_.name,
         finding.solver_name(solver),

@@ -14,6 +14,7 @@ import numpy as np
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
 from sins_env.recordings import Recording, reference_at
+from sins_env.states import NAVIGATION
 
 if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
     from sins_env.evaluation.play.one_run import Course
@@ -98,6 +99,6 @@ def of_run(task: EvaluationTask, run: int, course: Course) -> Array:
     recording, fine = world.recording, course.t > course.records.criteria.coarse_s + 1e-9
     times, errors = world.windows.starts[run] + course.t[fine], course.errors[fine]
     truth = reference_at(recording, times, world.windows.half_sample)
-    q_nb = attitude.multiply(attitude.misalignment_quaternion(errors[:, :3]), truth.q_nb)
-    pos = earth.displace(earth.get(recording.site.earth), truth.pos, errors[:, 6:])
+    q_nb = attitude.multiply(attitude.misalignment_quaternion(errors[:, NAVIGATION["phi"]]), truth.q_nb)
+    pos = earth.displace(earth.get(recording.site.earth), truth.pos, errors[:, NAVIGATION["dp"]])
     return displacement_errors(recording, times, q_nb, pos)[1]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sins_env.arrays import Array
 from sins_env.evaluation.bound.bounds import Bound
-from sins_env.evaluation.play.criteria import NEES_AT
+from sins_env.evaluation.play.criteria import NEES_AT, PHI
 from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.score import navigation
 from sins_env.evaluation.score.consistency import Nees, chi2_quantile, consistency
@@ -29,6 +29,7 @@ from sins_env.evaluation.score.resampling import (
     median_interval,
     rms_intervals,
 )
+from sins_env.states import answered
 from sins_env.units import ARCSEC
 
 TOGETHER = 64  #: number of solvers that are resampled together, limited by memory
@@ -59,7 +60,7 @@ def success_profile(records: Records, points: int = 80) -> tuple[Array, Array, A
 def bound_ratios(records: Records, bound: Bound) -> dict[str, float]:
     """Return the RMS over runs and steady state, divided by that of the bound in the same epochs, by axis."""
     rms = np.sqrt(np.square(records.steady_rms).mean(axis=0))
-    return _by_axis(rms / bound.steady[:3])
+    return _by_axis(rms / bound.steady[PHI])
 
 
 def below_bound(records: Records, bound: Bound) -> bool | None:
@@ -136,7 +137,7 @@ class Summary:
     @property
     def nees_dof(self) -> int:
         """Mean of :attr:`nees_of_all` if the covariance is right."""
-        return 3 if self.navigation is None else 9
+        return answered(self.navigation is not None).size
 
     @property
     def t_conv_from_switch_on_s(self) -> float:

@@ -19,6 +19,7 @@ from sins_env.evaluation.score import resampling
 from sins_env.evaluation.score.consistency import Nees, consistency
 from sins_env.evaluation.score.quantities import QUANTITIES, Quantity, length, run_errors
 from sins_env.evaluation.score.resampling import Estimate
+from sins_env.states import answered
 
 CURVE_RESAMPLES = 1000  #: number of resamples of a curve over time, which costs more than a single number
 CURVE_TIMES = 100  #: number of times at which a curve is resampled
@@ -44,7 +45,7 @@ def navigation_scores(records: Records) -> Navigation:
         armse=dict(zip(QUANTITIES, _time_means(records, list(QUANTITIES.values())), strict=True)),
         rms=dict(zip(errors, resampling.rms_intervals(np.stack([e[0] for e in errors.values()], axis=1)), strict=True)),
         median_azimuth=resampling.median_interval(azimuth) if c.scored else (math.nan, resampling.NO_INTERVAL),
-        nees=consistency(c, records.nees_all, dof=9),
+        nees=consistency(c, records.nees_all, dof=answered(navigate=True).size),
         from_s=(c.span_from - 1) * c.epoch_s,
     )
 

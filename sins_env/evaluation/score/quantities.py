@@ -9,7 +9,7 @@ import numpy as np
 
 from sins_env.arrays import Array
 from sins_env.checks import unknown
-from sins_env.evaluation.play.criteria import SCORED
+from sins_env.evaluation.play.criteria import AZIMUTH, SCORED
 from sins_env.evaluation.play.records import Records
 from sins_env.units import ARCSEC, DEG
 
@@ -30,16 +30,16 @@ class Quantity(NamedTuple):
     def bounded(self) -> tuple[int, ...]:
         """Components of the bound to compare it with; none for pitch and roll. To first order heading is azimuth."""
         if self.parts == (_HEADING,):
-            return (_AZIMUTH,)
+            return (AZIMUTH,)
         return self.parts if max(self.parts) < _HEADING else ()
 
 
-_EAST, _NORTH, _AZIMUTH = _places("phi")
+_EAST, _NORTH, _ = _places("phi")
 _HEADING, _PITCH, _ROLL = _places("euler")
 _VEL, _POS = _places("dv"), _places("dp")
 #: Quantities of alignment.
 AXIAL = {
-    "azimuth": Quantity("azimuth", (_AZIMUTH,), DEG, "deg"),
+    "azimuth": Quantity("azimuth", (AZIMUTH,), DEG, "deg"),
     "level": Quantity("level", (_EAST, _NORTH), ARCSEC, "arcsec"),
     "east": Quantity("east", (_EAST,), ARCSEC, "arcsec"),
     "north": Quantity("north", (_NORTH,), ARCSEC, "arcsec"),

@@ -24,6 +24,7 @@ from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show import cells
 from sins_env.evaluation.show.cells import Cell
 from sins_env.evaluation.tasks.task import EvaluationTask
+from sins_env.states import ATTITUDE, NAVIGATION
 
 
 class Slot(IntEnum):
@@ -252,7 +253,7 @@ COLUMNS: list[Column] = [
         csv=("bound_ratio_e", "bound_ratio_n", "bound_ratio_u", "bound_holds", "below_bound"),
     ),
     _bound("error / bound", lambda one: QUANTITIES[headline(one.task)].name, navigates=True),
-    _nees("nees", 3, lambda one: one.summary.nees, navigates=False),
+    _nees("nees", ATTITUDE.size, lambda one: one.summary.nees, navigates=False),
     Column(
         "spread", "heading spread", "°", Slot.SPREAD, cells.spread, markdown="spread, deg",
         known=lambda one: shares_headings(one.task), csv=("spread_deg", "spread_runs"),
@@ -280,5 +281,5 @@ COLUMNS: list[Column] = [
         json=lambda one: {"median_heading_deg": finite(_median_heading(one)[0])},
     ),
     _figure("failure_rate", failure_rate, json=True),
-    _nees("nees_all", 9, lambda one: one.summary.nees_of_all, navigates=True),
+    _nees("nees_all", NAVIGATION.size, lambda one: one.summary.nees_of_all, navigates=True),
 ]  # fmt: skip

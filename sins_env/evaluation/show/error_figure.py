@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env.evaluation.score.metrics import rms_band, success_profile
+from sins_env.evaluation.score.quantities import QUANTITIES
 from sins_env.evaluation.score.ranking import ranked
 from sins_env.evaluation.score.results import Results, by_task
 from sins_env.evaluation.show.style import (
@@ -77,8 +78,8 @@ _ALIGNMENT = (
 )
 _NAVIGATION = (
     _ALIGNMENT[0],
-    _Curve("position error, RMS over runs", [6, 7, 8], 1.0, "m"),
-    _Curve("velocity error, RMS over runs", [3, 4, 5], 1.0, "m/s"),
+    _Curve("position error, RMS over runs", list(QUANTITIES["position"].parts), 1.0, "m"),
+    _Curve("velocity error, RMS over runs", list(QUANTITIES["velocity"].parts), 1.0, "m/s"),
 )
 
 
