@@ -31,7 +31,7 @@ _CONTRACT = (
     "which returns q_nb (4), or in navigation q_nb, v_n and position (10). sins-env describe SINS/AlignSway-v0 shows what obs "
     "holds; sins_env.types.Task is the task. Optional: covariance()."
 )
-_SEED = "of the suite (default: the task's own); - reads a secret one from standard input"
+_SEED = "seed of the suite (default: the task's own); - reads a secret one from standard input"
 _SUITE = (
     "A hidden suite: draw a seed of at least 64 bits (python -c 'import secrets; print(secrets.randbits(128))'), publish "
     "its hash, evaluate with --seed -, and publish the seed in the end. Results files hold the first 16 digits only."
@@ -124,7 +124,7 @@ def _read_results(verb: Verb) -> None:
     sub = verb("compare", "verbs.results_file:compare", text)
     sub.add_argument("task", metavar="TASK", help="one that the file holds")
     sub.add_argument("solver", metavar="SOLVER", help="as it is called in the file")
-    sub.add_argument("reference", metavar="SOLVER", help="the one that it is held against")
+    sub.add_argument("reference", metavar="SOLVER", help="solver to compare it with")
     text = "what errors are compared in: azimuth, level ...; of navigation position, velocity ... (default: what ranks)"
     sub.add_argument("--score", metavar="NAME", help=text)
     _add_db(sub)
@@ -151,7 +151,7 @@ def _publish(verb: Verb) -> None:
     sub = verb("reproduce", "verbs.reproduce:reproduce", "published tables as Monte Carlo runs", _TABLES)
     text = "their numbers, as sins-env list tables shows them (default: all)"
     sub.add_argument("table", nargs="*", metavar="TABLE", help=text)
-    sub.add_argument("--runs", type=count, metavar="N", help="of every line (default: each table's own number)")
+    sub.add_argument("--runs", type=count, metavar="N", help="runs of every line (default: each table's own number)")
     sub.add_argument("--quick", action="store_true", help="few runs, for a first look")
     sub.add_argument("--out", default="reproduction", metavar="DIR", help="for REPRODUCTION.md and the runs")
     _add_workers(sub)
@@ -164,7 +164,7 @@ def _publish(verb: Verb) -> None:
 
 def _hold_against(verb: Verb) -> None:
     """Add the verbs for solvers and recordings of one's own: contract, replay, conversion and speed."""
-    sub = verb("check", "verbs.check:check", "hold an estimator against the contract", _CONTRACT)
+    sub = verb("check", "verbs.check:check", "check that an estimator keeps the contract", _CONTRACT)
     sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
     _add_settings(sub)
 
@@ -172,16 +172,16 @@ def _hold_against(verb: Verb) -> None:
     sub = verb("replay", "verbs.recordings:replay", text)
     sub.add_argument("recording", metavar="FILE", help="of any format, or the mapping (.json) of one")
     sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
-    text = "s on the recording's clock (default: all of it); may be repeated"
+    text = "start and length, s on the recording's clock (default: all of it); may be repeated"
     _add_spans(sub, "--window", ("START", "LENGTH"), text)
     sub.add_argument("--stride", type=float, metavar="S", help="as many windows as fit, each so much later")
     sub.add_argument("--mode", metavar="NAME", help="align (default), or navigate: velocity and position too")
     sub.add_argument("--coarse", type=float, metavar="S", help="coarse phase (default 90 s, 60 s to navigate)")
-    sub.add_argument("--epoch", type=float, metavar="S", help="of the navigation (default 0.1 s)")
+    sub.add_argument("--epoch", type=float, metavar="S", help="navigation epoch (default 0.1 s)")
     sub.add_argument("--imu", metavar="NAME", help="IMU preset that the solver is told (default rlg-car)")
     text = "withhold the fixes of these seconds of the window; may be repeated"
     _add_spans(sub, "--outage", ("START", "END"), text)
-    sub.add_argument("--seed", type=seed, default=0, metavar="N", help="of solvers that draw")
+    sub.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of solvers that draw (default 0)")
     _add_settings(sub)
     _add_timeout(sub)
     sub.add_argument("--plot", metavar="FILE", help="draw heading, pitch, roll and their spread")
@@ -189,10 +189,10 @@ def _hold_against(verb: Verb) -> None:
     sub = verb("convert", "verbs.recordings:convert", "a recording in another format", _FORMATS)
     sub.add_argument("source", metavar="IN")
     sub.add_argument("target", metavar="OUT")
-    text = f"of IN, where its ending does not say it: {', '.join(FORMATS)}"
+    text = f"format of IN, if its ending does not tell: {', '.join(FORMATS)}"
     sub.add_argument("--format", metavar="NAME", help=text)
     sub.add_argument("--to", metavar="NAME", help="format of OUT, likewise")
-    sub.add_argument("--mapping", metavar="FILE", help="what IN does not say of itself, as JSON (default: IN's .json)")
+    sub.add_argument("--mapping", metavar="FILE", help="description of what IN lacks, as JSON (default: IN's .json)")
     sub.add_argument("--axes", metavar="AXES", help="where x, y, z of IN point: FRD, RFU, FLU ... or +y+x-z")
     sub.add_argument("--resample", type=float, metavar="HZ", help="to another rate; never done unasked")
     sub.add_argument("--drop-duplicates", action="store_true", help="keep the first of samples with one stamp")
