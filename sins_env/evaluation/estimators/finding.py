@@ -258,7 +258,7 @@ def describe(solver: Solver) -> About:
 
 
 def _told(offered: Sequence[Offer]) -> About:
-    """What the one solver among offers of a name said of itself in the other process."""
+    """Return the description, from the other process, of the one solver that is offered under a name."""
     first = offered[0]
     point = _only([offer.point for offer in offered], first.name)
     if first.error:
