@@ -42,7 +42,7 @@ CORE = ERRORS.only("dv", "phi", "dp")  #: states before those of the biases
 AT_REST = Layout((Block("dv", 2, "m/s"), Block("phi", 3, "rad")))  #: the same states for a base that does not travel
 DV, PHI, DP = (CORE[name] for name in CORE.names)
 UNKNOWN_ATTITUDE_STD = math.pi / math.sqrt(3.0)  #: rad, standard deviation of an angle uniform over the circle
-UNKNOWN_DVOCITY_STD = 10.0  #: m/s, standard deviation of an unknown velocity
+UNKNOWN_VELOCITY_STD = 10.0  #: m/s, standard deviation of an unknown velocity
 STEP_RAD, STEP_M = 1e-4, 100.0  #: steps of the central differences in latitude and height, which are exact to 1e-8
 
 
@@ -140,7 +140,7 @@ class ErrorDynamics:
         self.biases = [(self.full[kind.name], kind) for kind in kinds]
         std, drive = np.zeros((2, self.full.size))
         known = world.settings.start == "told"
-        std[DV] = prior.velocity_std_mps if known else UNKNOWN_DVOCITY_STD
+        std[DV] = prior.velocity_std_mps if known else UNKNOWN_VELOCITY_STD
         std[PHI] = np.asarray(prior.attitude_std_deg) * DEG if known else UNKNOWN_ATTITUDE_STD
         std[DP] = prior.position_std_m
         drive[DV], drive[PHI] = imu.vrw**2, imu.arw**2
