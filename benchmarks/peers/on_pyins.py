@@ -13,6 +13,7 @@ from pyins.measurements import NedVelocity, Position
 
 from peers.flight import Flown, Tape
 from sins_env import attitude
+from sins_env.states import ERRORS, FIX
 from sins_env.types import NavState
 from solvers.types import Array
 
@@ -49,7 +50,7 @@ def feedback_filter(tape: Tape, steps: int) -> Callable[[], Flown]:
     positions = pd.DataFrame(degrees(np.array([o["gps_pos"] for o in fixes])), index=times[:steps], columns=LLA)
     velocities = pd.DataFrame(swapped(np.array([o["gps_vel"] for o in fixes])), index=times[:steps], columns=VELOCITY)
     R = np.sqrt(np.diagonal(task.prior.R))
-    measurements = [Position(positions, R[3:]), NedVelocity(velocities, R[0])]
+    measurements = [Position(positions, R[FIX["dp"]]), NedVelocity(velocities, R[FIX["dv"]][0])]
     std = np.sqrt(np.diagonal(task.prior.P0))
     noise = np.sqrt(np.diagonal(task.prior.Q) / task.epoch_s)
     start = as_pva(task.start, times[0] - task.epoch_s)
@@ -57,13 +58,13 @@ def feedback_filter(tape: Tape, steps: int) -> Callable[[], Flown]:
     def block() -> Flown:
         result = run_feedback_filter(
             start,
-            position_sd=std[6],
-            velocity_sd=std[3],
-            level_sd=np.degrees(std[0]),
-            azimuth_sd=np.degrees(std[2]),
+            position_sd=std[ERRORS["dp"]][0],
+            velocity_sd=std[ERRORS["dv"]][0],
+            level_sd=np.degrees(std[ERRORS["phi"]][0]),
+            azimuth_sd=np.degrees(std[ERRORS["phi"]][2]),
             increments=increments,
-            gyro_model=EstimationModel(bias_sd=std[9], noise=noise[0]),
-            accel_model=EstimationModel(bias_sd=std[12], noise=noise[3]),
+            gyro_model=EstimationModel(bias_sd=std[ERRORS["gyro_bias"]][0], noise=noise[ERRORS["phi"]][0]),
+            accel_model=EstimationModel(bias_sd=std[ERRORS["accel_bias"]][0], noise=noise[ERRORS["dv"]][0]),
             measurements=measurements,
             time_step=task.epoch_s,
         )

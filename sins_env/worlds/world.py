@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sins_env import attitude, checks, earth
 from sins_env.arrays import Array, Rngs
 from sins_env.checks import unknown
+from sins_env.states import NAVIGATION
 from sins_env.types import NavState, Task
 from sins_env.units import DEG
 
@@ -89,21 +90,23 @@ def told_start(
         task: its prior has the standard deviations of the errors.
         misalignment_deg: phi in every run, E, N, U; None draws it.
         truth: true states, (runs, ...).
-        draws: standard normal numbers for misalignment, velocity and position, (runs, 9).
+        draws: standard normal numbers, (runs, 9) in the layout ``NAVIGATION``.
         pos: the told position if it is known exactly; None draws its error.
         any_heading: whether the azimuth error is drawn over the circle.
     """
     spread = np.asarray(task.prior.attitude_std_deg)
     fixed = misalignment_deg is not None
-    phi = DEG * (np.broadcast_to(misalignment_deg, (len(draws), 3)) if fixed else spread * draws[:, :3])
+    phi = DEG * (np.broadcast_to(misalignment_deg, (len(draws), 3)) if fixed else spread * draws[:, NAVIGATION["phi"]])
     if any_heading:
         from scipy.special import ndtr  # slow to import, needed by headings over the circle only
 
         phi[:, 2] = np.pi * (2.0 * ndtr(draws[:, 2]) - 1.0)
     computed = attitude.multiply(attitude.misalignment_quaternion(phi), truth.q_nb)
-    vel = truth.vel + task.prior.velocity_std_mps * draws[:, 3:6]
+    vel = truth.vel + task.prior.velocity_std_mps * draws[:, NAVIGATION["dv"]]
     if pos is None:
-        pos = earth.displace(earth.get(task.site.earth), truth.pos, task.prior.position_std_m * draws[:, 6:])
+        pos = earth.displace(
+            earth.get(task.site.earth), truth.pos, task.prior.position_std_m * draws[:, NAVIGATION["dp"]]
+        )
     return NavState(computed, vel, np.broadcast_to(pos, vel.shape).copy())
 
 
