@@ -1,5 +1,6 @@
 """What every registered filter must do: be the Kalman filter on linear problems, and survive a lost run."""
 
+import functools
 import json
 import math
 import pickle
@@ -29,8 +30,7 @@ EXACT = [pytest.param(name, s, id=label(name, s)) for name, s in exact()]
 EXACT_BATCHED = [p for p in EXACT if is_batched(p.values[0])]
 ZOO = [pytest.param(name, s, id=label(name, s)) for name, s in zoo()]
 BATCHED = [p for p in ZOO if is_batched(p.values[0])]
-BATCHES = [(), (1,), (7,), (2, 3)]
-SIZES = [(4, 1), (7, 2), (10, 3)]
+BATCHES = [(), (7,), (2, 3)]
 
 
 def opaque(M, offset, batch):
@@ -59,21 +59,36 @@ def play(flt, p, as_function=affine, z=None):
     return history
 
 
-def assert_is_kalman(flt, p, as_function, tolerance=1e-10):
+@functools.cache
+def problem(seed, n, m, batch=()):
+    """A linear problem, which nobody may change, and what the dense Kalman filter makes of each run."""
+    p = linear(seed, n, m, batch)
+    return p, functools.cache(lambda i: kalman(*run_of(p, i)))
+
+
+def assert_equal_at_each_step(found, expected, scale, tolerance):
+    """Arrays (steps, ...), to a tolerance relative to the largest number of ``scale`` at the step."""
+    apart = np.abs(np.array(found) - np.array(expected)).reshape(len(expected), -1).max(axis=-1)
+    largest = np.abs(np.array(scale)).reshape(len(scale), -1).max(axis=-1)
+    np.testing.assert_allclose(apart / largest, 0.0, atol=tolerance)
+
+
+def assert_is_kalman(flt, p, oracle, as_function, tolerance=1e-10):
     history = play(flt, p, as_function)
+    estimates = [flt.estimate(b) for b, _ in history]
+    assert {(mean.shape, cov.shape) for mean, cov in estimates} == {(p.x.shape, p.P.shape)}
+    fixes = [k for k, z in enumerate(p.z) if z is not None]
+    assert [k for k, (_, innovation) in enumerate(history) if innovation is not None] == fixes
     for i in np.ndindex(p.batch):
-        beliefs, innovations = kalman(*run_of(p, i))
-        for (b, got), (x, P), expected in zip(history, beliefs, innovations, strict=True):
-            mean, cov = flt.estimate(b)
-            assert mean.shape == p.x.shape
-            assert cov.shape == p.P.shape
-            np.testing.assert_allclose(mean[i], x, rtol=0, atol=tolerance * np.abs(x).max())
-            np.testing.assert_allclose(cov[i], P, rtol=0, atol=tolerance * np.abs(P).max())
-            assert (got is None) == (expected is None)
-            if got is not None:
-                residual, S = expected
-                np.testing.assert_allclose(got.residual[i], residual, atol=tolerance * np.abs(x).max())
-                np.testing.assert_allclose(got.cov[i], S, atol=tolerance * np.abs(S).max())
+        beliefs, innovations = oracle(i)
+        x, P = zip(*beliefs, strict=True)
+        residual, S = zip(*(innovations[k] for k in fixes), strict=True)
+        assert_equal_at_each_step([mean[i] for mean, _ in estimates], x, x, tolerance)
+        assert_equal_at_each_step([cov[i] for _, cov in estimates], P, P, tolerance)
+        assert_equal_at_each_step(
+            [history[k][1].residual[i] for k in fixes], residual, [x[k] for k in fixes], tolerance
+        )
+        assert_equal_at_each_step([history[k][1].cov[i] for k in fixes], S, S, tolerance)
     health = history[-1][0].health
     assert health.epoch == len(p.z)
     assert health.failed_at.shape == health.repairs.shape == p.batch
@@ -82,18 +97,17 @@ def assert_is_kalman(flt, p, as_function, tolerance=1e-10):
     assert not health.frozen
 
 
-@pytest.mark.parametrize(("n", "m"), SIZES)
-@pytest.mark.parametrize("as_function", [affine, opaque])
+#: The sizes of state and fix add no branch to functions that no filter can look into, nor the shape of the batch.
+@pytest.mark.parametrize(("n", "m", "as_function"), [(4, 1, affine), (7, 2, affine), (10, 3, affine), (7, 2, opaque)])
 @pytest.mark.parametrize(("name", "settings"), EXACT)
 def test_one_run_is_the_kalman_filter(name, settings, as_function, n, m):
-    assert_is_kalman(make_filter(name, **settings), linear(11 * n + m, n, m), as_function)
+    assert_is_kalman(make_filter(name, **settings), *problem(11 * n + m, n, m), as_function)
 
 
-@pytest.mark.parametrize("batch", BATCHES[1:])
-@pytest.mark.parametrize("as_function", [affine, opaque])
+@pytest.mark.parametrize(("batch", "as_function"), [((7,), affine), ((2, 3), affine), ((2, 3), opaque)])
 @pytest.mark.parametrize(("name", "settings"), EXACT_BATCHED)
 def test_every_run_of_a_batch_is_the_kalman_filter(name, settings, as_function, batch):
-    assert_is_kalman(make_filter(name, **settings), linear(7, 5, 2, batch), as_function)
+    assert_is_kalman(make_filter(name, **settings), *problem(7, 5, 2, batch), as_function)
 
 
 @pytest.mark.parametrize("batch", [(), (4,)])
@@ -113,7 +127,7 @@ def test_noise_shared_by_all_runs(name, settings, batch):
 
 @pytest.mark.parametrize(("name", "settings"), BATCHED)
 def test_a_lost_run_freezes_alone(name, settings):
-    p = linear(3, 4, 2, batch=(5,), missing=0.0)
+    p = linear(3, 4, 2, batch=(5,), steps=25, missing=0.0)
     flt = make_filter(name, **settings)
     z = [z.copy() for z in p.z]
     z[9][3] = np.nan
@@ -164,7 +178,7 @@ def test_a_run_without_a_fix_goes_on_as_if_alone(name, settings):
 
 @pytest.mark.parametrize(("name", "settings"), BATCHED)
 def test_a_run_without_a_prior_fails_at_once(name, settings):
-    p = linear(4, 4, 2, batch=(3,), missing=0.0)
+    p = linear(4, 4, 2, batch=(3,), steps=10, missing=0.0)
     flt = make_filter(name, **settings)
     clean = play(flt, p)
     p.x[1, 2] = np.nan
@@ -176,13 +190,13 @@ def test_a_run_without_a_prior_fails_at_once(name, settings):
 
 @pytest.mark.parametrize(("name", "settings"), ZOO)
 def test_one_run_that_is_lost_says_so(name, settings):
-    p = linear(5, 4, 2, missing=0.0)
+    p = linear(5, 4, 2, steps=10, missing=0.0)
     flt = make_filter(name, **settings)
     clean = play(flt, p)
     p.z[6][:] = np.nan
     hit = play(flt, p)
     health = hit[-1][0].health
-    assert (health.failed_at, health.epoch, health.frozen) == (7, 50, True)
+    assert (health.failed_at, health.epoch, health.frozen) == (7, 10, True)
     np.testing.assert_array_equal(flt.estimate(hit[-1][0]).mean, flt.estimate(clean[5][0]).mean)
     assert np.isnan(hit[-1][1].residual).all()
 
@@ -245,7 +259,7 @@ def test_a_singular_prior_works_and_repairs_are_counted(name, settings):
 def test_beliefs_flow_and_nothing_hides_in_the_filter(name, settings):
     """Two interleaved beliefs give what each gives alone, and a step leaves its belief as it was."""
     flt = make_filter(name, **settings)
-    p, q = linear(20, 4, 2), linear(21, 4, 2)
+    p, q = linear(20, 4, 2, steps=5), linear(21, 4, 2, steps=5)
     alone = play(flt, p), play(flt, q)
     start = [flt.init(Gaussian(a.x, a.P), np.random.default_rng(0)) for a in (p, q)]
     kept = [flt.estimate(b).mean.copy() for b in start]
@@ -262,7 +276,7 @@ def test_beliefs_flow_and_nothing_hides_in_the_filter(name, settings):
 @pytest.mark.parametrize(("name", "settings"), ZOO)
 def test_filters_are_frozen_and_travel(name, settings):
     flt = make_filter(name, **settings)
-    p = linear(30, 4, 2)
+    p = linear(30, 4, 2, steps=10)
     b = play(flt, p)[-1][0]
     again, b_again = pickle.loads(pickle.dumps((flt, b)))
     assert again == flt
@@ -353,7 +367,7 @@ def test_the_lists_name_filters_that_exist():
 @pytest.mark.parametrize(("name", "settings"), ZOO)
 def test_diagnostics_are_arrays_per_run(name, settings):
     batch = (3,) if is_batched(name) else ()
-    p = linear(12, 4, 2, batch)
+    p = linear(12, 4, 2, batch, steps=21)
     flt = make_filter(name, **settings)
     for b, _ in play(flt, p)[::10]:
         for key, value in flt.diagnostics(b).items():

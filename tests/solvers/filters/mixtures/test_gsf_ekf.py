@@ -273,11 +273,11 @@ def test_a_reset_moves_every_slice(batch):
 def align(name, seconds, **settings):
     """Eight runs of the task with any heading: attitude errors (epochs, 8, 3) in degrees, and the estimator."""
     task = get_task("sway-anyheading-v0")
-    env = task.make(8, duration=seconds)
+    env = task.make(8, duration=seconds, epoch=0.2, gps={"rate_hz": 5.0})
     obs, _ = task.reset(env, range(8))
     estimator, errors = solvers.make(name, **settings), []
     estimator.reset(env.unwrapped.task, np.random.default_rng(0), 8)
-    for _ in range(round(seconds / 0.1) - 1):
+    for _ in range(round(seconds / 0.2) - 1):
         obs, _, _, _, info = env.step(estimator.step(obs))
         errors.append(info["errors"]["phi"] / DEG)
     return np.array(errors), estimator
