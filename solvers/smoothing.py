@@ -35,16 +35,11 @@ from sins_env.checks import whole
 from solvers.blocks.conditioning import inverse
 from solvers.blocks.moments import moments
 from solvers.blocks.square_root import symmetrize
-from solvers.filters.adaptive.augmented_aukf import AugmentedAUKF
 from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter
-from solvers.filters.particles.gaussian_particles import GaussianParticles
 from solvers.types import Gaussian, Health, Measurement, Transition
 
 Steps = Iterable[tuple[Transition, Measurement | None]]
-
-#: Gaussian filters that predict from points of their own, so that C of their rule does not belong to their P-.
-_OTHERWISE = (AugmentedAUKF, GaussianParticles)
 
 
 class Smoothed(NamedTuple):
@@ -120,7 +115,7 @@ def _fixed_lag(filter: Any, b: Any, steps: Steps, lag: int) -> Iterator[Gaussian
 
 
 def _start(filter: Any, prior: Gaussian, rng: Any) -> Any:
-    if not isinstance(filter, GaussianFilter) or isinstance(filter, _OTHERWISE):
+    if not (isinstance(filter, GaussianFilter) and filter.predicts_by_rule):
         allowed = "filters with one Gaussian that predict by a moment rule, such as ekf, ukf, ckf, hinf_ukf"
         raise ValueError(f"{type(filter).__name__} cannot be smoothed; allowed: {allowed}")
     return filter.init(prior, rng)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -38,6 +38,8 @@ class GaussianFilter(BatchFilter[B]):
 
     A subclass whose belief holds more makes it in ``init``. The other methods replace mean and covariance alone.
     """
+
+    predicts_by_rule: ClassVar[bool] = True  #: whether its prediction is that of ``rule``, which smoothing needs
 
     @cached_property
     def rule(self) -> MomentRule:

@@ -1,11 +1,11 @@
-"""Filters that must agree, as data: a new filter joins by adding a row."""
+"""Filters that must agree, and filters that must not, as their files say: solvers/filters/relations.py."""
 
-import math
+import sys
 
 import numpy as np
 import pytest
 from oracles.problems import look, spd, swing
-from oracles.zoo import AS_KALMAN, generators, made
+from oracles.zoo import as_kalman, draws, generators, made, relations
 
 from solvers.filters import FILTERS, make_filter
 from solvers.types import Gaussian, Linear, Measurement, Transition
@@ -20,124 +20,27 @@ PROBLEMS = {
     "linear": (lambda x: x @ A.T, lambda x: x @ H.T),
 }
 
-#: (filter, settings), (filter, settings), problem, relative tolerance
-SAME = [
-    (("ukf", {}), ("ckf", {}), "nonlinear", 1e-12),
-    (("ukf", {"root": "svd"}), ("ckf", {"root": "svd"}), "nonlinear", 1e-12),
-    (("ukf", {"alpha": 1e-3, "beta": 2.0}), ("ckf", {}), "linear", 1e-8),
-    (("ckf", {"root": "svd"}), ("ckf", {}), "linear", 1e-10),
-    (("ekf", {}), ("kf", {}), "linear", 1e-10),
-    (("iekf", {"iterations": 1}), ("ekf", {}), "nonlinear", 1e-12),
-    (("iekf", {"smooth": False}), ("ekf", {}), "nonlinear f", 1e-10),
-    (("iekf", {"tolerance": 0.0, "iterations": 9}), ("kf", {}), "linear", 1e-10),
-    (("inekf", {}), ("ekf", {}), "nonlinear", 1e-12),  # the coordinates are the pipeline's
-    (("ckf", {}), ("kf", {}), "linear", 1e-10),
-    (("ckf5", {}), ("kf", {}), "linear", 1e-10),
-    (("ddf1", {}), ("kf", {}), "linear", 1e-10),
-    (("ddf2", {}), ("kf", {}), "linear", 1e-10),
-    (("ddf1", {"interval": 1e-4}), ("ekf", {}), "nonlinear", 1e-7),
-    (("ckf", {"form": "square-root"}), ("ckf", {}), "nonlinear", 1e-10),
-    (
-        ("ukf", {"form": "square-root", "alpha": 0.7, "beta": 2.0, "kappa": 1.0}),
-        ("ukf", {"alpha": 0.7, "beta": 2.0, "kappa": 1.0}),
-        "nonlinear",
-        1e-10,
-    ),
-    (("filterpy_kf", {}), ("kf", {}), "nonlinear", 1e-10),
-    (("filterpy_ekf", {}), ("ekf", {}), "nonlinear", 1e-10),
-    (("filterpy_ukf", {}), ("ukf", {}), "nonlinear", 1e-10),
-    (
-        ("filterpy_ukf", {"alpha": 0.7, "beta": 2.0, "kappa": 1.0}),
-        ("ukf", {"alpha": 0.7, "beta": 2.0, "kappa": 1.0}),
-        "nonlinear",
-        1e-10,
-    ),
-    (("gsf_ekf", {}), ("ekf", {}), "nonlinear", 1e-12),
-    (("imm_ekf", {"q_factors": [1.0, 1.0], "r_factors": [1.0, 1.0]}), ("ekf", {}), "nonlinear", 1e-9),
-    (("imm_ukf", {"q_factors": [1.0, 1.0], "r_factors": [1.0, 1.0]}), ("ukf", {}), "nonlinear", 1e-9),
-    (("imm_ukf", {"q_factors": [1.0], "r_factors": [1.0]}), ("ukf", {}), "nonlinear", 1e-12),
-    (("asmugsf", {"components": 1, "adapt": False}), ("ukf", {}), "nonlinear", 1e-12),
-    (("asmugsf", {"omega": 0.0, "adapt": False}), ("ukf", {}), "nonlinear", 1e-12),
-    (("aukf", {"adapt": "none"}), ("ukf", {}), "nonlinear", 1e-12),
-    (("aukf_fading", {"adapt": "none", "beta": 2.0}), ("ukf", {"beta": 2.0}), "nonlinear", 1e-12),
-    (("aukf_fading", {"b": 1.0, "adapt": "qQ"}), ("aukf", {"adapt": "qQ"}), "nonlinear", 1e-12),
-    (
-        ("aukf_fading", {"b": 0.9, "adapt": "QR"}),
-        ("aukf_window", {"b": 0.9, "m": 100, "adapt": "QR"}),
-        "nonlinear",
-        1e-9,
-    ),
-    (("aukf", {}), ("aukf_window", {"b": 1.0, "m": 60}), "nonlinear", 1e-9),  # 60 > k0 + 40 epochs would be whole
-    (("augmented_aukf", {"adapt": "none"}), ("kf", {}), "linear", 1e-10),
-    (("augmented_aukf", {"M": 60}), ("aukf", {}), "linear", 1e-9),
-    (("hinf_kf", {"gamma2": np.inf}), ("kf", {}), "nonlinear", 1e-12),
-    (("hinf_ukf", {"gamma2": np.inf}), ("ukf", {}), "nonlinear", 1e-12),
-    (("hinf_uif", {}), ("hinf_ukf", {}), "nonlinear", 1e-9),
-    (("mixed_hinf_ukf", {"gamma2": np.inf}), ("ukf", {}), "nonlinear", 1e-12),
-    (("mixed_hinf_ukf", {"d": 1.0}), ("ukf", {}), "nonlinear", 1e-12),
-    (("huber_ckf", {"alpha": math.inf}), ("ckf", {}), "nonlinear", 1e-9),
-    (("mcc_ckf", {"sigma": math.inf}), ("ckf", {}), "nonlinear", 1e-9),
-    (("mcc_ckf", {"sigma": 1e6}), ("ckf", {}), "nonlinear", 1e-9),
-    (("huber_ckf5", {"alpha": math.inf}), ("ckf5", {}), "nonlinear", 1e-9),
-    (("mcc_ckf5", {"sigma": math.inf}), ("ckf5", {}), "nonlinear", 1e-9),
-    (("student_t_ckf", {"dof": math.inf}), ("ckf", {}), "nonlinear", 1e-9),
-    (("gm_ekf", {}), ("ekf", {}), "nonlinear", 1e-12),
-    (("gm_ekf", {"contamination": [0.0, 10.0]}), ("ekf", {}), "nonlinear", 1e-12),
-    (("gm_ekf", {"contamination": [0.3, 1.0]}), ("ekf", {}), "nonlinear", 1e-10),
-    (("mpf_ekf", {"weight": math.inf}), ("ekf", {}), "nonlinear", 1e-12),
-    (("cgpf", {}), ("kf", {}), "linear", 1e-10),  # all particles weigh the same
-    (("cgpf", {}), ("ckf", {}), "nonlinear f", 1e-10),
-    (("ugpf", {"beta": 2.0}), ("ukf", {"beta": 2.0}), "nonlinear f", 1e-10),
-    (("ugpf", {}), ("cgpf", {}), "nonlinear", 1e-10),
-    (("gpf", {"min_ess": 0.999}), ("ckf", {}), "linear", 1e-10),  # every step falls back
-]
+SAME, UNLIKE = relations("SAME_AS"), relations("UNLIKE")
+EQUAL = {(name, relation.other) for name, relation in SAME if not (relation.settings or relation.of_other)}
+EQUAL |= {(name, name) for name in FILTERS}
 
-#: pairs that must NOT agree on the nonlinear problem: without them SAME would prove nothing
-DIFFERENT = [
-    (("gpf", {}), ("ckf", {})),
-    (("rqmc_gpf", {}), ("gpf", {})),
-    (("cgpf", {}), ("ckf", {})),
-    (("cgpf", {"widen": 1.2}), ("cgpf", {})),
-    (("ugpf", {"beta": 2.0}), ("ugpf", {})),
-    (("upf", {}), ("hepf", {})),
-    (("kf", {}), ("ekf", {})),
-    (("ekf", {}), ("ckf", {})),
-    (("iekf", {}), ("ekf", {})),
-    (("iekf", {}), ("iekf", {"smooth": False})),
-    (("iekf", {}), ("iekf", {"iterations": 2})),
-    (("ckf", {"root": "svd"}), ("ckf", {})),
-    (("ckf5", {}), ("ckf", {})),
-    (("ddf1", {}), ("ekf", {})),
-    (("ddf2", {}), ("ddf1", {})),
-    (("ddf2", {}), ("ckf", {})),
-    (("ukf", {"beta": 2.0}), ("ukf", {})),
-    (("ukf", {"alpha": 0.5}), ("ukf", {})),
-    (("ukf", {"kappa": 1.0}), ("ukf", {})),
-    (("imm_ekf", {}), ("ekf", {})),
-    (("imm_ukf", {}), ("imm_ekf", {})),
-    (("imm_ukf", {"q_factors": [1.0]}), ("ukf", {})),
-    (("imm_ukf", {"r_factors": [1.0]}), ("ukf", {})),
-    (("asmugsf", {}), ("ukf", {})),
-    (("asmugsf", {"adapt": False}), ("ukf", {})),
-    (("asmugsf", {"components": 1}), ("ukf", {})),
-    (("gsf_ekf", {"axis": 0}), ("ekf", {})),
-    (("hinf_ukf", {}), ("ukf", {})),
-    (("aukf", {}), ("ukf", {})),
-    (("aukf_fading", {"b": 0.9}), ("aukf", {})),
-    (("aukf_window", {"m": 10}), ("aukf", {})),
-    (("augmented_aukf", {"adapt": "none"}), ("ukf", {})),
-    (("augmented_aukf", {"unbiased": False}), ("augmented_aukf", {})),
-    (("hinf_kf", {}), ("kf", {})),
-    (("mixed_hinf_ukf", {}), ("ukf", {})),
-    (("mixed_hinf_ukf", {}), ("hinf_ukf", {})),
-    (("huber_ckf", {}), ("ckf", {})),
-    (("mcc_ckf", {}), ("ckf", {})),
-    (("mcc_ckf", {"robust": "meas"}), ("mcc_ckf", {})),
-    (("mcc_ckf5", {}), ("mcc_ckf", {})),
-    (("student_t_ckf", {}), ("ckf", {})),
-    (("gm_ekf", {"contamination": "learn"}), ("ekf", {})),
-    (("mpf_ekf", {}), ("ekf", {})),
-]
+
+def unconditional():
+    """What each relation says without its condition, on nonlinear problems: without them SAME_AS would prove nothing."""
+    for name, relation in SAME:
+        if relation.on != "nonlinear":
+            yield name, relation
+        elif relation.settings and relation.settings != relation.of_other and (name, relation.other) not in EQUAL:
+            yield name, relation._replace(settings={})
+
+
+def label(name, relation):
+    words = [name, *map(str, relation.settings.values()), relation.other, *map(str, relation.of_other.values())]
+    return "-".join(words)
+
+
+def each(pairs):
+    return [pytest.param(name, relation, id=label(name, relation)) for name, relation in pairs]
 
 
 def play(which, problem, runs=3, steps=40):
@@ -171,19 +74,33 @@ def distance(a, b):
     return max(np.abs(u - v).max() / np.abs(v).max() for u, v in zip(a, b, strict=True))
 
 
-@pytest.mark.parametrize(("a", "b", "problem", "tolerance"), SAME)
-def test_same(a, b, problem, tolerance):
-    assert distance(play(a, problem), play(b, problem)) < tolerance
+@pytest.mark.parametrize(("name", "relation"), each(SAME))
+def test_same(name, relation):
+    mine, other = (name, relation.settings), (relation.other, relation.of_other)
+    assert distance(play(mine, relation.on), play(other, relation.on)) < relation.within
 
 
-@pytest.mark.parametrize(("a", "b"), DIFFERENT)
-def test_different(a, b):
-    assert distance(play(a, "nonlinear"), play(b, "nonlinear")) > 1e-4
+@pytest.mark.parametrize(("name", "relation"), each([*unconditional(), *UNLIKE]))
+def test_different(name, relation):
+    mine, other = (name, relation.settings), (relation.other, relation.of_other)
+    assert distance(play(mine, "nonlinear"), play(other, "nonlinear")) > 1e-4
 
 
-@pytest.mark.parametrize("name", [n for n in FILTERS if AS_KALMAN.get(n, {}) is not None])
-def test_every_filter_has_a_relation(name):
-    assert any(name in (a[0], b[0]) for a, b, *_ in SAME)
+@pytest.mark.parametrize("name", FILTERS)
+def test_every_filter_says_what_it_equals(name):
+    """Its file ends with ``SAME_AS``: solvers/filters/relations.py."""
+    file = sys.modules[FILTERS[name].__module__]
+    assert name in file.SAME_AS, (
+        f"{file.__file__}: SAME_AS[{name!r}] = (Relation(...), ...), or () where it equals no other"
+    )
+    for constant in ("SAME_AS", "UNLIKE", "VARIANTS"):
+        assert set(getattr(file, constant, {})) <= {n for n in FILTERS if FILTERS[n].__module__ == file.__name__}
+
+
+def test_most_filters_are_kalman_filters_on_linear_problems():
+    """The others draw particles, or have no prior covariance: whoever is added here has other oracles of its own."""
+    others = {name for name in FILTERS if as_kalman(name) is None}
+    assert others == {name for name in FILTERS if draws(name)} | {"mpf"}
 
 
 @pytest.mark.parametrize("name", [n for n in FILTERS if FILTERS[n].batched])

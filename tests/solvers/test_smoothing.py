@@ -212,9 +212,7 @@ def test_the_two_pass_scheme_is_another_one_for_an_h_infinity_filter():
     np.testing.assert_allclose(same.mean, y, atol=1e-9)
 
 
-#: Gaussian filters that draw their predictions otherwise than by ``rule``
-OTHERS = {"augmented_aukf", "gpf", "rqmc_gpf", "ugpf", "cgpf"}
-SMOOTHABLE = [name for name, cls in FILTERS.items() if issubclass(cls, GaussianFilter) and name not in OTHERS]
+SMOOTHABLE = [name for name, cls in FILTERS.items() if issubclass(cls, GaussianFilter) and cls.predicts_by_rule]
 
 
 @pytest.mark.parametrize("name", SMOOTHABLE)
@@ -320,7 +318,8 @@ def test_known_states_smooth_too():
 def test_errors():
     p = linear(1, 3, 2, steps=2)
     prior = Gaussian(p.x, p.P)
-    for name in {"filterpy_kf", "gsf_ekf"} | OTHERS & set(FILTERS):
+    assert {"filterpy_kf", "gsf_ekf", "augmented_aukf", "gpf"} < set(FILTERS) - set(SMOOTHABLE)
+    for name in set(FILTERS) - set(SMOOTHABLE):
         with pytest.raises(ValueError, match="cannot be smoothed; allowed: filters with one Gaussian"):
             smooth(make_filter(name), prior, steps_of(p))
     with pytest.raises(ValueError, match="steps: none given"):

@@ -11,10 +11,9 @@ import pytest
 from oracles.dense_kalman import kalman
 from oracles.problems import linear, look, run_of, spd, swing
 from oracles.zoo import (
-    AS_KALMAN,
-    PARTICLES,
-    REPAIRS_A_SINGULAR_PRIOR,
+    draws,
     exact,
+    first_fix_together,
     generators,
     is_batched,
     label,
@@ -158,8 +157,8 @@ def test_a_run_without_a_fix_goes_on_as_if_alone(name, settings):
     x, P, z = rng.standard_normal((3, 4)), spd(rng, 3, 4), 0.5 * rng.standard_normal((20, 3, 2))
     has = rng.random((20, 3)) < 0.6
     has[:, 0], has[:3, 1], has[:2, 2] = True, False, [False, True]
-    if name == "augmented_aukf":
-        has[0] = True  # its points know the size of the fixes from the first one on
+    if first_fix_together(name):
+        has[0] = True
     tr, R = Transition(swing, 0.05 * np.eye(4)), 0.5 * np.eye(2)
     b = flt.init(Gaussian(x, P), generators(batch))
     each = [flt.init(Gaussian(x[i], P[i]), own) for i, own in enumerate(generators(batch))]
@@ -360,10 +359,6 @@ def test_a_wrong_shape_is_an_error_and_not_a_lost_run(name):
         flt.step(b, Transition(swing, np.eye(2)), None)
 
 
-def test_the_lists_name_filters_that_exist():
-    assert set(AS_KALMAN) | REPAIRS_A_SINGULAR_PRIOR <= set(FILTERS)
-
-
 @pytest.mark.parametrize(("name", "settings"), ZOO)
 def test_diagnostics_are_arrays_per_run(name, settings):
     batch = (3,) if is_batched(name) else ()
@@ -377,7 +372,7 @@ def test_diagnostics_are_arrays_per_run(name, settings):
 
 
 @pytest.mark.parametrize("batch", [(), (3,)])
-@pytest.mark.parametrize("name", [n for n in names() if n not in PARTICLES and is_batched(n)])
+@pytest.mark.parametrize("name", [n for n in names() if not draws(n) and is_batched(n)])
 def test_a_state_and_a_fix_known_exactly_change_nothing(name, batch):
     """P, Q and R all zero."""
     flt, zero = make_filter(name), np.zeros((2, 2))
@@ -391,7 +386,7 @@ def test_a_state_and_a_fix_known_exactly_change_nothing(name, batch):
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])
-@pytest.mark.parametrize("name", [n for n in names() if n not in PARTICLES and is_batched(n)])
+@pytest.mark.parametrize("name", [n for n in names() if not draws(n) and is_batched(n)])
 def test_a_run_far_beyond_all_numbers_does_not_end_the_others(name, m):
     """LAPACK raises on matrices that are not finite; nothing may get there."""
     flt = make_filter(name)

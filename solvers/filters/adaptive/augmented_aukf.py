@@ -19,7 +19,7 @@ Departures, with the numbers of docs/mathematics/errata.md#chapter-3:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,7 @@ from solvers.blocks.square_root import ROOTS
 from solvers.filters.adaptive.aukf import WindowedFilter
 from solvers.filters.adaptive.base import Past, Told
 from solvers.filters.base import count
+from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
 
@@ -59,6 +60,8 @@ class AugmentedBelief(NamedTuple):
 @dataclass(frozen=True)
 class AugmentedAUKF(WindowedFilter):
     """The adaptive unscented filter on the state augmented with the noises."""
+
+    predicts_by_rule: ClassVar[bool] = False
 
     M: int = 200  #: number of fixes remembered
     unbiased: bool = True  #: whether P+ - PF is added to Q; False: 000 (3.5.15) as printed
@@ -127,3 +130,19 @@ def _images(f: Function, chi: Array) -> Array:
         return f(chi)
     y = chi @ f.matrix.mT
     return y if f.offset is None else y + f.offset[..., None, :]
+
+
+SAME_AS = {
+    "augmented_aukf": (
+        Relation("kf", {"adapt": "none"}, on="linear", within=1e-10),
+        Relation("aukf", {"M": 60}, on="linear", within=1e-9),
+    ),
+}
+UNLIKE = {
+    "augmented_aukf": (
+        Relation("ukf", {"adapt": "none"}),
+        Relation("augmented_aukf", of_other={"unbiased": False}),
+    ),
+}
+#: The points know the size of a fix from the first one on.
+FIRST_FIX_TOGETHER = True

@@ -34,6 +34,7 @@ from sins_env.arrays import Array
 from sins_env.checks import keep, number, whole
 from solvers.blocks.noise import memory_weight, window_weights
 from solvers.filters.adaptive.base import AdaptiveFilter
+from solvers.filters.relations import Relation
 from solvers.registry import register
 
 #: Settings of the papers, without any safeguard.
@@ -102,3 +103,22 @@ class WindowAUKF(WindowedFilter):
     @property
     def window(self) -> tuple[int, float]:
         return self.m, self.b
+
+
+SAME_AS = {
+    "aukf": (
+        Relation("ukf", {"adapt": "none"}),
+        Relation("aukf_window", of_other={"b": 1.0, "m": 60}, within=1e-9),  # the window outlasts the test
+    ),
+    "aukf_fading": (
+        Relation("ukf", {"adapt": "none"}),
+        Relation("ukf", {"adapt": "none", "beta": 2.0}, {"beta": 2.0}),
+        Relation("aukf", {"b": 1.0, "adapt": "qQ"}, {"adapt": "qQ"}),
+        Relation("aukf_window", {"b": 0.9, "adapt": "QR"}, {"b": 0.9, "m": 100, "adapt": "QR"}, within=1e-9),
+    ),
+    "aukf_window": (Relation("ukf", {"adapt": "none"}),),
+}
+UNLIKE = {
+    "aukf_fading": (Relation("aukf", {"b": 0.9}),),
+    "aukf_window": (Relation("aukf", {"m": 10}),),
+}

@@ -25,6 +25,7 @@ If gamma varies, only the bound of the largest gamma holds; a variation by ``hor
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, TypeVar, cast
@@ -38,6 +39,7 @@ from solvers.blocks.sigma_rules import Unscented
 from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
 from solvers.filters.hinfinity.inflation import admissible, inflate, largest, reciprocal_deviations
+from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Gaussian, Health, Innovation, Measurement, Transition
 
@@ -195,3 +197,9 @@ class UnscentedHinf(HinfFilter[B]):
 @dataclass(frozen=True)
 class HinfUKF(UnscentedHinf[HinfBelief]):
     """The H-infinity unscented Kalman filter."""
+
+
+SAME_AS = {
+    "hinf_kf": (Relation("kf", {"gamma2": math.inf}),),
+    "hinf_ukf": (Relation("ukf", {"gamma2": math.inf}),),
+}

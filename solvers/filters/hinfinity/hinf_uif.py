@@ -16,6 +16,7 @@ Departures:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ from solvers.blocks.moments import moments
 from solvers.blocks.square_root import symmetrize
 from solvers.filters.base import count
 from solvers.filters.hinfinity.hinf import HinfBelief, UnscentedHinf
+from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Gaussian, Innovation, Measurement
 
@@ -52,3 +54,11 @@ class HinfUIF(UnscentedHinf[HinfBelief]):
         for mask in (repaired, repaired_P, repaired_R, repaired_Y, repaired_bound):
             b = count(b, mask)
         return b, Innovation(residual, y.cov + me.R)
+
+
+SAME_AS = {
+    "hinf_uif": (
+        Relation("ukf", {"gamma2": math.inf}, within=1e-9),
+        Relation("hinf_ukf", within=1e-9),
+    ),
+}

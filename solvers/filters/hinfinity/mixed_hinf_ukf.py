@@ -19,6 +19,7 @@ Departures:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -34,6 +35,7 @@ from solvers.blocks.square_root import any_of, symmetrize
 from solvers.filters.base import count
 from solvers.filters.hinfinity.hinf import HinfBelief, UnscentedHinf
 from solvers.filters.hinfinity.inflation import inflate
+from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Function, Gaussian, Health, Innovation, Measurement, Moments, Transition
 
@@ -116,3 +118,14 @@ class MixedHinfUKF(UnscentedHinf[MixedBelief]):
 
 def _three(b: MixedBelief) -> Gaussian:
     return Gaussian(np.repeat(b.mean[..., None, :], 3, axis=-2), b.covs)
+
+
+SAME_AS = {
+    "mixed_hinf_ukf": (
+        Relation("ukf", {"gamma2": math.inf}),
+        Relation("ukf", {"d": 1.0}),
+    ),
+}
+UNLIKE = {
+    "mixed_hinf_ukf": (Relation("hinf_ukf"),),
+}

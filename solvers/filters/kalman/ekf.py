@@ -15,6 +15,7 @@ from functools import cached_property
 
 from solvers.blocks.moments import Linearized
 from solvers.filters.gaussian import GaussianFilter
+from solvers.filters.relations import Relation
 from solvers.registry import register
 
 
@@ -26,3 +27,11 @@ class EKF(GaussianFilter):
     @cached_property
     def rule(self) -> Linearized:
         return Linearized("mean")
+
+
+SAME_AS = {
+    "ekf": (Relation("kf", on="linear", within=1e-10),),
+}
+UNLIKE = {
+    "ekf": (Relation("ckf"),),
+}

@@ -24,6 +24,7 @@ from solvers.blocks.sigma_rules import Unscented
 from solvers.filters.base import settle
 from solvers.filters.brief import Brief
 from solvers.filters.gaussian import Belief, GaussianFilter, initial_belief
+from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Function, Gaussian, Innovation, Measurement, Transition
 
@@ -153,3 +154,17 @@ class FilterpyUKF(FilterpyFilter):
         if me is not None:
             o.update(me.z, R=me.R)
         return o
+
+
+_SPREAD = {"alpha": 0.7, "beta": 2.0, "kappa": 1.0}
+SAME_AS = {
+    "filterpy_kf": (Relation("kf", within=1e-10),),
+    "filterpy_ekf": (Relation("ekf", within=1e-10),),
+    "filterpy_ukf": (
+        Relation("ukf", within=1e-10),
+        Relation("ukf", _SPREAD, _SPREAD, within=1e-10),
+    ),
+}
+VARIANTS = {
+    "filterpy_ukf": ({"alpha": 0.5, "beta": 2.0},),
+}

@@ -27,6 +27,7 @@ from solvers.blocks.conditioning import condition, gain
 from solvers.blocks.moments import Linearized, moments, standard_deviations, tangent_moments
 from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
+from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Moments, Transition
 
@@ -106,3 +107,19 @@ def _again(step: Step, at: Array) -> tuple[Gaussian, Step]:
     """Predict again with the tangent of the transition taken at ``at`` (..., n), a state before it."""
     y, _ = tangent_moments(step.tr.f, step.before, at)
     return Gaussian(y.mean, y.cov + step.tr.Q), replace(step, cross=y.cross)
+
+
+SAME_AS = {
+    "iekf": (
+        Relation("kf", on="linear", within=1e-10),
+        Relation("ekf", {"iterations": 1}),
+        Relation("ekf", {"smooth": False}, on="nonlinear f", within=1e-10),
+        Relation("kf", {"tolerance": 0.0, "iterations": 9}, on="linear", within=1e-10),
+    ),
+}
+UNLIKE = {
+    "iekf": (
+        Relation("iekf", of_other={"smooth": False}),
+        Relation("iekf", of_other={"iterations": 2}),
+    ),
+}

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from solvers.filters.kalman.ekf import EKF
+from solvers.filters.relations import Relation
 from solvers.registry import register
 
 
@@ -28,3 +29,10 @@ class InEKF(EKF):
 
     feedback: ClassVar[str] = "closed"  #: feedback into the INS, unless a setting says otherwise
     coordinates: ClassVar[str] = "invariant"  #: coordinates of the errors, unless a setting says otherwise
+
+
+SAME_AS = {
+    "inekf": (
+        Relation("ekf"),  # the coordinates are the pipeline's
+    ),
+}

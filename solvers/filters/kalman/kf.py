@@ -31,3 +31,8 @@ class KF(GaussianFilter):
     @cached_property
     def rule(self) -> Linearized:
         return Linearized("origin")
+
+
+SAME_AS = {
+    "kf": (),  # the others lead to it
+}

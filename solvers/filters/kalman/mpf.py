@@ -22,6 +22,7 @@ as far as one epoch shows. It tracks, but it never learns a constant bias, hardl
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -35,6 +36,7 @@ from solvers.blocks.moments import Linearized, linear_moments, standard_deviatio
 from solvers.blocks.square_root import either, semidefinite_root, symmetrize
 from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
+from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Moments, Transition
 
@@ -124,3 +126,9 @@ class MPFEKF(MPF):
         K_d, repaired = super().gain(y, by_error, H)
         K, _, repaired_S = gain(y)
         return K_d + K - K @ (H @ K_d), either(repaired, repaired_S)
+
+
+SAME_AS = {
+    "mpf": (),  # it has no prior covariance
+    "mpf_ekf": (Relation("ekf", {"weight": math.inf}),),
+}

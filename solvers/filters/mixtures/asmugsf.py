@@ -47,6 +47,7 @@ from solvers.blocks.square_root import cholesky, finite_items, symmetrize
 from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
 from solvers.filters.mixtures.base import bayes
+from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Gaussian, Health, Innovation, Measurement, Transition
 
@@ -156,3 +157,17 @@ class ASMUGSF(GaussianFilter[Adaptive]):
         ratio = np.where(driven, (1.0 - d) * merged + d * variances(found.cov), 1.0) / np.where(driven, Q, 1.0)
         factor = np.clip(b.factor * ratio, self.floor, self.cap)
         return count(b._replace(factor=factor), fallbacks=beyond)
+
+
+SAME_AS = {
+    "asmugsf": (
+        Relation("ukf", {"components": 1, "adapt": False}),
+        Relation("ukf", {"omega": 0.0, "adapt": False}),
+    ),
+}
+UNLIKE = {
+    "asmugsf": (
+        Relation("ukf", {"adapt": False}),
+        Relation("ukf", {"components": 1}),
+    ),
+}

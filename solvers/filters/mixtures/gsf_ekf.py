@@ -36,6 +36,7 @@ from solvers.blocks.mixtures import collapse, merge
 from solvers.blocks.moments import Linearized
 from solvers.filters.mixtures.angles import TURN, least_known_angle, slices
 from solvers.filters.mixtures.base import MixtureFilter, initial_mixture
+from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Function, Gaussian, Health, Innovation, Measurement, Transition
 
@@ -168,3 +169,11 @@ def _apart(b: Bank, best: Gaussian) -> Array:
     apart = b.mean - best.mean[..., None, :]
     angle = (np.arange(apart.shape[-1]) == b.axis[..., None])[..., None, :]
     return np.where(angle, apart - TURN * np.round(apart / TURN), apart)
+
+
+SAME_AS = {
+    "gsf_ekf": (Relation("ekf"),),
+}
+UNLIKE = {
+    "gsf_ekf": (Relation("ekf", {"axis": 0}),),
+}

@@ -31,6 +31,7 @@ from solvers.blocks.mixtures import collapse
 from solvers.blocks.moments import Linearized, SigmaPoints
 from solvers.blocks.sigma_rules import Unscented
 from solvers.filters.mixtures.base import Mixture, MixtureFilter, initial_mixture
+from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Gaussian, Measurement, Transition
 
@@ -144,3 +145,20 @@ def _stochastic(name: str, given: Any, M: int) -> tuple[tuple[float, ...], ...]:
     if len(rows) != M or any(abs(sum(row) - 1.0) > 1e-9 for row in rows):
         raise refused(name, given, allowed)
     return rows
+
+
+_EQUAL = {"q_factors": [1.0, 1.0], "r_factors": [1.0, 1.0]}
+SAME_AS = {
+    "imm_ekf": (Relation("ekf", _EQUAL, within=1e-9),),
+    "imm_ukf": (
+        Relation("ukf", _EQUAL, within=1e-9),
+        Relation("ukf", {"q_factors": [1.0], "r_factors": [1.0]}),
+    ),
+}
+UNLIKE = {
+    "imm_ukf": (
+        Relation("imm_ekf"),
+        Relation("ukf", {"q_factors": [1.0]}),
+        Relation("ukf", {"r_factors": [1.0]}),
+    ),
+}

@@ -25,6 +25,7 @@ from solvers.blocks.moments import SigmaPoints
 from solvers.blocks.sigma_rules import Unscented
 from solvers.filters.gaussian import GaussianFilter
 from solvers.filters.particles.gaussian_particles import Belief, GaussianParticles
+from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Gaussian, NoiseLaw, Transition
 
@@ -68,3 +69,19 @@ class UGPF(CGPF):
     @cached_property
     def rule(self) -> SigmaPoints:
         return SigmaPoints(Unscented(self.alpha, self.beta, self.kappa))
+
+
+SAME_AS = {
+    "cgpf": (
+        Relation("kf", on="linear", within=1e-10),  # all particles weigh the same
+        Relation("ckf", on="nonlinear f", within=1e-10),
+    ),
+    "ugpf": (
+        Relation("ukf", {"beta": 2.0}, {"beta": 2.0}, on="nonlinear f", within=1e-10),
+        Relation("cgpf", within=1e-10),
+    ),
+}
+UNLIKE = {
+    "cgpf": (Relation("cgpf", of_other={"widen": 1.2}),),
+    "ugpf": (Relation("ugpf", of_other={"beta": 2.0}),),
+}

@@ -18,7 +18,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -55,6 +55,8 @@ class GaussianParticles(GaussianFilter[Belief]):
     Raises:
         ValueError: a setting outside its range; in ``init``, too few particles for the number of states.
     """
+
+    predicts_by_rule: ClassVar[bool] = False
 
     particles: int = 2000  #: number of particles
     matching: str = "pairs"  #: how draws are matched to their moments: "pairs", "moments" or "none"

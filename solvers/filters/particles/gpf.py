@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from sins_env.checks import choice, keep
 from solvers.filters.particles.gaussian_particles import GaussianParticles
 from solvers.filters.particles.random_points import POINTS
+from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Gaussian, NoiseLaw
 
@@ -49,3 +50,14 @@ class RQMCGPF(GPF):
     @property
     def kind(self) -> str:
         return self.points
+
+
+SAME_AS = {
+    "gpf": (
+        Relation("ckf", {"min_ess": 0.999}, on="linear", within=1e-10),  # every step falls back
+    ),
+    "rqmc_gpf": (),  # its particles are drawn
+}
+UNLIKE = {
+    "rqmc_gpf": (Relation("gpf"),),
+}

@@ -126,3 +126,8 @@ class PF(ParticleFilter):
 
     def move(self, b: Cloud, g: Function, jac: Callable[[Array], Array]) -> Cloud:
         return b._replace(x=through(g, b.x, self.memory_mb))
+
+
+SAME_AS = {
+    "pf": (),  # its particles are drawn
+}

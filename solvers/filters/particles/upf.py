@@ -35,6 +35,7 @@ from solvers.filters.base import count
 from solvers.filters.particles.importance import bandwidth, cloud_moments, fit, law_for, log_density, stand_in, through
 from solvers.filters.particles.particle_filter import PREDICT, ParticleFilter, log_weights
 from solvers.filters.particles.random_points import Keys, normals
+from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
 
@@ -183,3 +184,12 @@ def _log_normal(x: Array, at: Gaussian) -> Array:
 
 def _any(mask: Mask | None) -> Mask | None:
     return None if mask is None else np.asarray(mask.any(axis=-1))
+
+
+SAME_AS = {
+    "upf": (),  # its particles are drawn
+    "hepf": (),  # its particles are drawn
+}
+UNLIKE = {
+    "upf": (Relation("hepf"),),
+}

@@ -32,6 +32,7 @@ from solvers.blocks.moments import Linearized, moments
 from solvers.blocks.square_root import either
 from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
+from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Gaussian, Health, Innovation, Measurement, NoiseLaw
 
@@ -117,3 +118,15 @@ def _contamination(name: str, given: Any) -> str | tuple[float, float]:
     if not isinstance(given, str) or given not in ("told", "learn"):
         raise refused(name, given, "'told', 'learn', or a pair (share, factor)")
     return given
+
+
+SAME_AS = {
+    "gm_ekf": (
+        Relation("ekf"),
+        Relation("ekf", {"contamination": [0.0, 10.0]}),
+        Relation("ekf", {"contamination": [0.3, 1.0]}, within=1e-10),
+    ),
+}
+UNLIKE = {
+    "gm_ekf": (Relation("ekf", {"contamination": "learn"}),),
+}

@@ -13,9 +13,11 @@ contaminated fixes. With alpha = inf the filter is the cubature filter.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
+from solvers.filters.relations import Relation
 from solvers.filters.robust.base import RobustFilter, settings_of
 from solvers.filters.robust.reweighting import Each, Huber
 from solvers.filters.sigma.ckf5 import FifthDegreeFilter
@@ -43,3 +45,9 @@ class HuberCKF5(FifthDegreeFilter, HuberCKF):
     @cached_property
     def third(self) -> HuberCKF:
         return HuberCKF(**settings_of(self))
+
+
+SAME_AS = {
+    "huber_ckf": (Relation("ckf", {"alpha": math.inf}, within=1e-9),),
+    "huber_ckf5": (Relation("ckf5", {"alpha": math.inf}, within=1e-9),),
+}

@@ -14,9 +14,11 @@ ends when the weights stand still. ``robust="meas"`` leaves the prior at full we
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
+from solvers.filters.relations import Relation
 from solvers.filters.robust.base import RobustFilter, settings_of
 from solvers.filters.robust.reweighting import Correntropy, Each
 from solvers.filters.sigma.ckf5 import FifthDegreeFilter
@@ -44,3 +46,16 @@ class MccCKF5(FifthDegreeFilter, MccCKF):
     @cached_property
     def third(self) -> MccCKF:
         return MccCKF(**settings_of(self))
+
+
+SAME_AS = {
+    "mcc_ckf": (
+        Relation("ckf", {"sigma": math.inf}, within=1e-9),
+        Relation("ckf", {"sigma": 1e6}, within=1e-9),
+    ),
+    "mcc_ckf5": (Relation("ckf5", {"sigma": math.inf}, within=1e-9),),
+}
+UNLIKE = {
+    "mcc_ckf": (Relation("mcc_ckf", of_other={"robust": "meas"}),),
+    "mcc_ckf5": (Relation("mcc_ckf"),),
+}

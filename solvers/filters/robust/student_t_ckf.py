@@ -16,10 +16,12 @@ filter.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 from sins_env.arrays import Array
+from solvers.filters.relations import Relation
 from solvers.filters.robust.base import RobustFilter
 from solvers.filters.robust.reweighting import StudentT
 from solvers.registry import register
@@ -40,3 +42,8 @@ class StudentTCKF(RobustFilter):
     def believed(self, y: Moments, R: Array, weights: Array) -> Moments:
         """Return the moments of z with R / lambda in place of R."""
         return y._replace(cov=y.cov + (1.0 / weights[..., :1, None] - 1.0) * R)
+
+
+SAME_AS = {
+    "student_t_ckf": (Relation("ckf", {"dof": math.inf}, within=1e-9),),
+}

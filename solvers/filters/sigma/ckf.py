@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from solvers.blocks.sigma_rules import Cubature
+from solvers.filters.relations import Relation
 from solvers.filters.sigma.sigma_point import SigmaPointFilter
 from solvers.registry import register
 
@@ -30,3 +31,18 @@ class CKF(SigmaPointFilter):
     @cached_property
     def point_rule(self) -> Cubature:
         return Cubature()
+
+
+SAME_AS = {
+    "ckf": (
+        Relation("kf", on="linear", within=1e-10),
+        Relation("ckf", {"root": "svd"}, on="linear", within=1e-10),
+        Relation("ckf", {"form": "square-root"}, within=1e-10),
+    ),
+}
+VARIANTS = {
+    "ckf": (
+        {"root": "svd"},
+        {"form": "square-root"},
+    ),
+}

@@ -22,6 +22,7 @@ from solvers.blocks.sigma_rules import FifthDegree
 from solvers.blocks.square_root import either, indefinite
 from solvers.filters.base import choose, fall_back
 from solvers.filters.gaussian import GaussianFilter
+from solvers.filters.relations import Relation
 from solvers.filters.sigma.ckf import CKF
 from solvers.registry import register
 from solvers.types import Innovation, Linear, Measurement, Transition
@@ -72,3 +73,14 @@ class CKF5(FifthDegreeFilter):
     @cached_property
     def third(self) -> CKF:
         return CKF(self.root)
+
+
+SAME_AS = {
+    "ckf5": (Relation("kf", on="linear", within=1e-10),),
+}
+UNLIKE = {
+    "ckf5": (Relation("ckf"),),
+}
+VARIANTS = {
+    "ckf5": ({"root": "svd"},),
+}

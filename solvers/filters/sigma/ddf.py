@@ -19,6 +19,7 @@ from functools import cached_property
 
 from sins_env.checks import keep, number
 from solvers.blocks.factors import Differences
+from solvers.filters.relations import Relation
 from solvers.filters.sigma.square_root import SquareRootFilter
 from solvers.registry import register
 
@@ -51,3 +52,21 @@ class DDF2(SquareRootFilter):
     @cached_property
     def factor_rule(self) -> Differences:
         return Differences(self.interval, second=True)
+
+
+SAME_AS = {
+    "ddf1": (
+        Relation("kf", on="linear", within=1e-10),
+        Relation("ekf", {"interval": 1e-4}, within=1e-7),
+    ),
+    "ddf2": (Relation("kf", on="linear", within=1e-10),),
+}
+UNLIKE = {
+    "ddf2": (
+        Relation("ddf1"),
+        Relation("ckf"),
+    ),
+}
+VARIANTS = {
+    "ddf2": ({"interval": 1.0},),
+}

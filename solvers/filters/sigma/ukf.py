@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from solvers.blocks.sigma_rules import Unscented
+from solvers.filters.relations import Relation
 from solvers.filters.sigma.sigma_point import SigmaPointFilter
 from solvers.registry import register
 
@@ -38,3 +39,28 @@ class UKF(SigmaPointFilter):
     @cached_property
     def point_rule(self) -> Unscented:
         return Unscented(self.alpha, self.beta, self.kappa)
+
+
+_SPREAD = {"alpha": 0.7, "beta": 2.0, "kappa": 1.0}
+SAME_AS = {
+    "ukf": (
+        Relation("ckf"),
+        Relation("ckf", {"root": "svd"}, {"root": "svd"}),
+        Relation("ckf", {"alpha": 1e-3, "beta": 2.0}, on="linear", within=1e-8),
+        Relation("ukf", {"form": "square-root", **_SPREAD}, _SPREAD, within=1e-10),
+    ),
+}
+UNLIKE = {
+    "ukf": (
+        Relation("ukf", of_other={"beta": 2.0}),
+        Relation("ukf", of_other={"alpha": 0.5}),
+        Relation("ukf", of_other={"kappa": 1.0}),
+    ),
+}
+VARIANTS = {
+    "ukf": (
+        {"alpha": 0.1, "beta": 2.0},  # with alpha = 1e-3 the rule magnifies rounding by 1e6
+        {"root": "svd"},
+        {"form": "square-root", "alpha": 0.1, "beta": 2.0},
+    ),
+}

@@ -154,7 +154,7 @@ def _level_table(number: str, name: str, printed: tuple[tuple[float, ...], ...])
     )
 
 
-#: Every filter that aligns, without the adapters of filterpy, whose mathematics is that of kf, ekf and ukf.
+#: The filters in the report, without the adapters of filterpy, whose mathematics is that of kf, ekf and ukf.
 # fmt: off
 ZOO = (
     "kf", "ekf", "iekf", "inekf", "gm_ekf", "ukf", "ckf", "ckf5", "ddf1", "ddf2", "aukf", "aukf_fading", "aukf_window",
