@@ -2,6 +2,7 @@
 
     make("ckf")                             the complete estimator, as ``sins-env`` runs it: aligns or navigates as the task asks
     make("ckf", feedback="closed")          settings of the pipeline and of the filter, by name
+    Pipeline(MyFilter())                    the same around a filter of your own
     names()                                 what there is
     @register("mine")                       make a filter or an estimator of your own known by name
 
@@ -20,7 +21,7 @@ from solvers.pipeline.estimator import Pipeline
 from solvers.pipeline.settings import Settings
 from solvers.registry import ESTIMATORS, FILTERS, class_of, import_all, register
 
-__all__ = ["describe", "make", "names", "register", "settings"]
+__all__ = ["Pipeline", "describe", "make", "names", "register", "settings"]
 
 import_all(pipeline.__path__, pipeline.__name__)
 

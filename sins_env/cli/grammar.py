@@ -166,6 +166,8 @@ def _hold_against(verb: Verb) -> None:
     """Add the verbs for solvers and recordings of one's own: contract, replay, conversion and speed."""
     sub = verb("check", "verbs.check:check", "check that an estimator keeps the contract", _CONTRACT)
     sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
+    text = "how far results that ought to be the same may be apart (default 1e-9; float32 needs about 1e-6)"
+    sub.add_argument("--tolerance", type=positive, metavar="X", help=text)
     _add_settings(sub)
 
     text = "a solver on windows of any recording: heading, pitch, roll and their spread"

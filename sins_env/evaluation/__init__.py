@@ -12,7 +12,7 @@ import warnings
 
 from sins_env.evaluation.bound import bounds as _bounds
 from sins_env.evaluation.bound.bounds import Bound
-from sins_env.evaluation.estimators.contract import Check, check_estimator
+from sins_env.evaluation.contract import Check, check_estimator
 from sins_env.evaluation.monte_carlo import evaluate
 from sins_env.evaluation.play.one_run import Course, run_episode
 from sins_env.evaluation.play.records import Records

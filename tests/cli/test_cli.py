@@ -21,7 +21,7 @@ from sins_env.types import Observation
 
 PLUGIN = "evaluation.plugins:"
 GOOD = PLUGIN + "DeadReckoning"
-SLOW = PLUGIN + "Slow"
+SLOW, LEAVES = PLUGIN + "Slow", PLUGIN + "Leaves"
 
 
 @pytest.fixture(autouse=True)
@@ -199,23 +199,24 @@ def test_a_solver_that_ends_its_process_costs_only_its_runs(tmp_path):
     assert "its cost was not measured" in err
 
 
-def test_neither_run_nor_eval_ends_with_its_solver(tmp_path):
-    """os._exit in a plug-in, with one worker; a zoo solver stays where it is."""
-    given = (PLUGIN + "At", "--set", 'how="leave"')
-    process = spawn("run", "short-v0", *given, cwd=tmp_path)
-    _, err = process.communicate(timeout=120)
-    assert process.returncode == 1
-    why = "run 0: step ended its process (exit code 3), at 0.5 s"
-    assert err == f"sins-env: {PLUGIN}At on short-v0, {why}\n"
-    process = spawn("check", *given, cwd=tmp_path)
-    _, err = process.communicate(timeout=120)
-    assert process.returncode == 1
-    assert err == f"sins-env: {PLUGIN}At ended its process in the middle of the checks\n"
-    process = spawn("eval", "--task", "short-v0", "--runs", 2, "--workers", 1, "--solver", *given, cwd=tmp_path)
-    out, err = process.communicate(timeout=120)
-    assert process.returncode == 1
-    assert "2 lost" in out
-    assert "died twice" in err
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("run", "short-v0", LEAVES), "on short-v0, run 0: step ended its process (exit code 7), at 0.5 s"),
+        (("replay", "parked.npz", LEAVES, "--coarse", 1), "on parked.npz: step ended its process (exit code 7)"),
+        (("bench", LEAVES, "--task", "short-v0"), "on short-v0: step ended its process (exit code 7)"),
+        (("check", LEAVES), "ended its process in the middle of the checks (exit code 7)"),
+        (
+            ("eval", "--task", "short-v0", "--solver", LEAVES, "--runs", 2, "--workers", 1),
+            "on short-v0, run 0: its worker process died twice (out of memory, or a crash); its cost was not measured",
+        ),
+    ],
+)
+def test_no_verb_ends_with_its_solver(cli, short, parked, monkeypatch, arguments, told):
+    """os._exit(7) in a plug-in is exit code 1 and one line, with one worker, too."""
+    monkeypatch.setattr(os, "_exit", lambda code: pytest.fail(f"it plays in this process, which would end with {code}"))
+    code, _, err = cli(*arguments)
+    assert (code, [line.removeprefix("sins-env: ") for line in err]) == (1, [f"{LEAVES} {told}"])
 
 
 def test_a_solver_that_hangs(cli, short, start_of):
@@ -319,6 +320,9 @@ def test_check(cli):
     assert code == 1
     assert "FAIL  draws from its rng only" in out
     assert err == [f"sins-env: {PLUGIN}GlobalRandom fails 1 of 13 checks"]
+    code, out, err = cli("check", GOOD, "--tolerance", 1e-6)
+    assert (code, err) == (0, [])
+    assert "the same rng gives the same result  to 1e-06" in out
 
 
 def test_bench(cli, monkeypatch):
@@ -328,6 +332,7 @@ def test_bench(cli, monkeypatch):
     code, out, err = cli("bench", GOOD, "--runs", 4, 1)
     assert (code, err) == (0, [])
     assert out.count("whole chain") == 2
+    assert "the estimator's in a process of its own" in " ".join(out.split())
     code, out, err = cli("bench", PLUGIN + "OneByOne", "--runs", 4, 1)
     assert (code, err) == (0, [f"{PLUGIN}OneByOne takes one run at a time: 1 run instead of 4"])
     assert out.count("whole chain") == 1
@@ -421,7 +426,7 @@ def test_names_of_installed_solvers(cli, monkeypatch):
     assert cli("describe", "dead")[0] == 0
     assert "cannot be loaded" in cli("list", "solvers")[1]
     assert "did you mean 'dead'?" in cli("run", "sway-white-v0", "deat")[2][0]
-    assert "cannot be loaded" in cli("check", "gone")[2][0]
+    assert "cannot be loaded" in cli("describe", "gone")[2][0]
     assert version.code_version("dead") == version.code_version(GOOD)
 
 

@@ -132,6 +132,30 @@ class DiesOnce(DeadReckoning):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
+class Leaves(DeadReckoning):
+    """Ends its process at the fifth epoch, with a code of its own."""
+
+    def step(self, obs):
+        q = super().step(obs)
+        if self.k == 5:
+            os._exit(7)
+        return q
+
+
+class Burns(DeadReckoning):
+    """Takes some CPU time at each epoch, and sleeps for as long."""
+
+    def __init__(self, seconds=2e-3):
+        self.seconds = seconds
+
+    def step(self, obs):
+        end = time.process_time() + self.seconds
+        while time.process_time() < end:
+            pass
+        time.sleep(self.seconds)
+        return super().step(obs)
+
+
 class Lost(DeadReckoning):
     """Never a good attitude: upside down."""
 

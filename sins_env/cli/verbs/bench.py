@@ -24,11 +24,11 @@ def bench(given: Namespace, console: Console) -> int:
     try:
         with isolation.hosted(given.solver, {}, apart) as host, Bar(f"bench of {given.solver}") as bar:
             batches, remarks = speed.fitting(host, given.task, given.runs)
-            for text in remarks:
-                remark(text)
             speeds = speed.measure(host, given.task, batches, progress=bar.update)
     except EstimatorError as error:
         raise RunFailed(f"{given.solver} on {given.task}: {error}") from error
+    for text in remarks:
+        remark(text)
     table = titled(f"{given.solver} on {given.task}")
     table.add_column("part")
     for name in ("runs", "x real time\nper core", "us per run\nand epoch"):

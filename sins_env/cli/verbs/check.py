@@ -8,9 +8,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from sins_env.cli.output import RunFailed
-from sins_env.evaluation.estimators import finding
-from sins_env.evaluation.estimators.contract import Check, check_estimator
-from sins_env.evaluation.play.pool import Processes
+from sins_env.evaluation.contract import TOLERANCE, Check, check_estimator
+from sins_env.evaluation.estimators import isolation
+from sins_env.evaluation.estimators.guard import EstimatorError
 
 
 def check(given: Namespace, console: Console) -> int:
@@ -25,17 +25,16 @@ def check(given: Namespace, console: Console) -> int:
         detail = f"  [dim]{escape(one.detail)}[/]" if one.passed is not False else f"  {escape(one.detail)}"
         console.print(f"{marks[one.passed]}  {escape(one.name)}{detail if one.detail else ''}", highlight=False)
 
-    if finding.is_own(given.solver):
-        found = check_estimator(given.solver, dict(given.set), show)
-    else:  # whatever it does to its process
-        finding.make(given.solver, dict(given.set))
-        with Processes(1) as worker:
-            answer = worker.call(check_estimator, given.solver, dict(given.set))
-        if answer is None:
-            raise RunFailed(f"{given.solver} ended its process in the middle of the checks")
-        found = answer
-        for one in found:
-            show(one)
+    try:
+        found = check_estimator(
+            given.solver,
+            dict(given.set),
+            show,
+            tolerance=given.tolerance or TOLERANCE,
+            apart=isolation.limit(given.solver) is not None,
+        )
+    except EstimatorError as error:
+        raise RunFailed(str(error)) from error
     failed = sum(one.passed is False for one in found)
     if failed:
         raise RunFailed(f"{given.solver} fails {failed} of {len(found)} checks")

@@ -1,6 +1,5 @@
-"""Estimators seen from outside: finding them, checking the contract, guarding their calls, and isolating their processes.
+"""Estimators seen from outside: finding them, guarding their calls, and isolating their processes.
 
 A name, ``module:Factory`` or class comes in; an object with ``reset`` and ``step`` goes out, which can do no harm to others.
-Read ``finding``, ``offers``, ``about``, ``contract``, ``guard``, ``isolation``, ``child``, ``processes``, ``memory``, then
-``version``.
+Read ``finding``, ``offers``, ``about``, ``guard``, ``isolation``, ``child``, ``processes``, ``memory``, then ``version``.
 """

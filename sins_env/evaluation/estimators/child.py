@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import multiprocessing
+import pickle
 import signal
 import sys
 import time
@@ -22,6 +23,8 @@ from sins_env.evaluation.estimators.processes import CANNOT_START, interrupts_he
 START_S = 300.0  #: longest time in which a new process imports its modules, even on a busy machine
 GRACE_S = 1.0  #: time that an answer may take beyond the limit to arrive, for the clock of the child decides
 LOOK_S = 0.5  #: period of the check that a silent process still runs
+#: exceptions of pickle for what cannot be sent to another process
+UNSENDABLE = (pickle.PicklingError, AttributeError, TypeError)
 
 
 class Child:
@@ -46,6 +49,7 @@ class Child:
         Raises:
             EstimatorError: the method raised an exception, took longer than the limit, or ended its process.
             ValueError: the method raised a ValueError.
+            PicklingError, AttributeError, TypeError: an argument cannot be sent.
             RuntimeError: the process cannot start.
         """
         if self._pipe is None:

@@ -27,6 +27,7 @@ MEMBERS = {
     "reset": "reset(self, task, rng, num_runs=1)",
     "step": "step(self, obs)",
 }
+FILTER = ("init", "step", "estimate")  #: members of a bare filter of :mod:`solvers.filters`
 
 
 def names() -> list[str]:
@@ -233,6 +234,9 @@ def make(solver: Solver, settings: Mapping[str, Any] | None = None) -> Estimator
     except (Exception, SystemExit) as error:
         what = f"settings {given}" if given else "no settings"
         raise ValueError(f"solver {name!r} cannot be made with {what}: {line(error)}") from error
+    if "reset" in missing and all(hasattr(estimator, part) for part in FILTER):
+        made = f"{type(estimator).__name__}({', '.join(f'{key}={value!r}' for key, value in given.items())})"
+        raise ValueError(f"solver {name!r} is a bare filter; wrap it: Pipeline({made}), with Pipeline of solvers")
     if missing:
         needed = "; ".join(MEMBERS[part] for part in missing)
         raise ValueError(

@@ -29,12 +29,19 @@ class EstimatorError(Exception):
 
     trace = ""
     ended = ""
+    raised = False  #: whether ``__cause__`` is an exception of the estimator's own
 
     @property
     def text(self) -> str:
         """Traceback of the estimator's exception; the message if there is none."""
         cause = self.__cause__
         return self.trace or ("".join(traceback.format_exception(cause))[-MAX_TRACEBACK:] if cause else str(self))
+
+
+def _raised(name: str, error: BaseException) -> EstimatorError:
+    found = EstimatorError(f"{name} raised {type(error).__name__}: {' '.join(str(error).split())}")
+    found.raised = True
+    return found
 
 
 class Guarded(Protocol):
@@ -103,13 +110,13 @@ class Guard:
         except KeyboardInterrupt:
             raise
         except BaseException as error:
-            raise EstimatorError(f"{name} raised {type(error).__name__}: {' '.join(str(error).split())}") from error
+            raise _raised(name, error) from error
 
     def offers(self, name: str) -> bool:
         try:
             return hasattr(self.estimator, name)
         except Exception as error:
-            raise EstimatorError(f"{name} raised {type(error).__name__}: {' '.join(str(error).split())}") from error
+            raise _raised(name, error) from error
 
     def reset(self, task: types.Task, rngs: Sequence[np.random.Generator]) -> None:
         self.navigate = task.navigate
@@ -135,7 +142,7 @@ class Guard:
     def _array(self, name: str, value: Any, *shape: int) -> Array:
         """Return a copy as float64, for an estimator may use its buffer again."""
         expected = (self.num_runs, *shape) if self.batched else shape
-        what = f"a {type(value).__name__}"
+        what = "None" if value is None else f"a {type(value).__name__}"
         try:
             given = np.asarray(value)
             what += f" of {given.dtype}" if given.ndim else ""

@@ -8,7 +8,6 @@ its time is taken there.
 from __future__ import annotations
 
 import math
-import pickle
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,7 +18,7 @@ import numpy as np
 from sins_env import types
 from sins_env.arrays import Array, Obs
 from sins_env.evaluation.estimators import finding
-from sins_env.evaluation.estimators.child import START_S, Child
+from sins_env.evaluation.estimators.child import START_S, UNSENDABLE, Child
 from sins_env.evaluation.estimators.guard import Clock, EstimatorError, Guard, Guarded, Health
 
 
@@ -99,7 +98,7 @@ class Isolated:
     def renew(self) -> None:
         try:
             self.batched = bool(self.child.call("make", START_S, self.solver, self.settings))
-        except (EstimatorError, pickle.PicklingError, AttributeError, TypeError) as error:
+        except (EstimatorError, *UNSENDABLE) as error:
             self.close()
             name = finding.solver_name(self.solver)
             raise ValueError(f"solver {name!r} cannot be made in a process of its own: {error}") from error

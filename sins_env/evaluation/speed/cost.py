@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack, closing
@@ -12,7 +13,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.estimators.guard import Clock, EstimatorError
-from sins_env.evaluation.estimators.isolation import Here, hosted
+from sins_env.evaluation.estimators.isolation import hosted
 from sins_env.evaluation.play.executors import Processes, Runner
 from sins_env.evaluation.play.job import Job
 from sins_env.evaluation.speed.timing import Probe
@@ -44,7 +45,7 @@ def measure_cost(
         task: task to play.
         solver: a name, ``module:Factory``, or a class or function.
         settings: settings of the solver.
-        timeout_s: longest time of a call. With a limit the solver has a process of its own, and its time is taken there.
+        timeout_s: longest time of a call. With a limit solver and ckf have a process of their own each, which take the times.
         clock: clock of the measurement; ``time.process_time`` counts CPU time, which a busy machine disturbs little.
 
     Returns:
@@ -52,15 +53,17 @@ def measure_cost(
     """
     given = dict(settings or {})
     same = solver == YARDSTICK and not given
-    compared = not same and finding.is_own(YARDSTICK)
     own: list[float] = []
     other: list[float] = []
-    with threadpool_limits(1), hosted(solver, given, timeout_s) as host, ExitStack() as stack:
+    played = [(solver, given, timeout_s, own)]
+    if not same and finding.is_own(YARDSTICK):
+        played.append((YARDSTICK, {}, timeout_s and math.inf, other))
+    with threadpool_limits(1), ExitStack() as stack:
         try:
             timed: list[tuple[Probe, list[float]]] = []
-            for one, times in ((host, own), *([(Here(YARDSTICK), other)] if compared else [])):
-                probe = Probe(task, one, warm_up=WARM_UP, clock=clock)
-                timed.append((stack.enter_context(closing(probe)), times))
+            for name, settings, limit_s, times in played:
+                host = stack.enter_context(hosted(name, settings, limit_s))
+                timed.append((stack.enter_context(closing(Probe(task, host, warm_up=WARM_UP, clock=clock))), times))
             spent = 0.0
             for _ in range(BLOCKS):
                 for probe, times in timed:

@@ -27,7 +27,7 @@ class Loud:
 
 #: What step returns at epoch 5 (of two runs), and what is said of it.
 REFUSED = {
-    "None": (lambda q: None, "a NoneType"),
+    "None": (lambda q: None, "None"),
     "text": (lambda q: "1 0 0 0", "a str"),
     "numbers as text": (lambda q: [["1", "0", "0", "0"]] * len(q), "a list of <U1"),
     "complex": (lambda q: q + 0j, "a ndarray of complex128"),

@@ -1,6 +1,7 @@
 """``convert``, ``replay`` and ``describe`` of recordings, as they are typed."""
 
 import json
+import math
 
 import matplotlib.figure
 import numpy as np
@@ -10,6 +11,7 @@ from oracles import made
 
 from sins_env import recordings
 from sins_env.attitude import from_euler
+from sins_env.evaluation.estimators.guard import EstimatorError
 from sins_env.evaluation.replay import replaying
 from sins_env.evaluation.replay.angles_figure import replay_figure
 from sins_env.evaluation.replay.replaying import Replay, replay
@@ -121,6 +123,25 @@ def test_each_window_has_its_own_data_and_reference(tmp_path, monkeypatch, batch
     apart = found.angles[:, :, 0] - np.radians(expected)
     assert_allclose(np.cos(apart), 1.0, atol=1e-12)
     assert_allclose(np.degrees(found.reference[:, :, 0]), 0.5 * (found.starts[:, None] - 100.0 + found.t), atol=1e-9)
+
+
+@pytest.mark.parametrize("solver", ["DeadReckoning", "OneByOne", "Noisy", "Vandal"])
+def test_apart_the_replay_is_the_same(still, solver):
+    """To the last bit."""
+    given = ("still.npz", PLUGIN + solver, [(105.0, 20.0)], 20.0)
+    here = replay(*given, env={"start": "told"}, seed=3)
+    there = replay(*given, env={"start": "told"}, seed=3, epoch_timeout_s=math.inf)
+    for name in ("starts", "t", "angles", "reference"):
+        np.testing.assert_array_equal(getattr(here, name), getattr(there, name))
+    assert here.failed == there.failed
+    assert repr(here) == f"<Replay of {PLUGIN}{solver} on still: 2 windows of 20 s>"
+
+
+def test_a_solver_that_ends_its_process_or_hangs(still):
+    with pytest.raises(EstimatorError, match=r"step ended its process \(exit code 7\)"):
+        replay("still.npz", PLUGIN + "Leaves", env={"coarse": 5.0}, epoch_timeout_s=math.inf)
+    with pytest.raises(EstimatorError, match=r"step took longer than 1 s"):
+        replay("still.npz", PLUGIN + "At", settings={"how": "hang"}, env={"start": "told"}, epoch_timeout_s=1.0)
 
 
 def test_without_a_reference_the_angles_scatter(still):

@@ -105,6 +105,23 @@ def test_scores():
     assert np.abs(error - [0.02, -0.01, 0.05]).max() < np.radians(1.0) * 0.11 * np.linalg.norm(LEVER) + 1e-4
 
 
+class Spoils(Driven):
+    """Overwrites what it is told."""
+
+    def step(self, obs):
+        answer = super().step(obs)
+        for value in obs.values():
+            value[...] = 1
+        return answer
+
+
+def test_fixes_are_those_that_were_told_whatever_the_solver_does_to_them():
+    told, spoiled = replay("drive.npz", Driven, env=ENV).track, replay("drive.npz", Spoils, env=ENV).track
+    assert np.isfinite(told.fixes).all(axis=-1).sum() == 40
+    np.testing.assert_array_equal(spoiled.fixes, told.fixes)
+    np.testing.assert_array_equal(spoiled.pos_error, told.pos_error)
+
+
 def test_displacements_are_those_of_the_antenna():
     """The same estimate is exact with its lever arm, and wrong by its turn without."""
     recording = drive()

@@ -1,0 +1,90 @@
+"""Check of a solver by the contract, in this process or in one of its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from sins_env.evaluation.contract.points import TOLERANCE, Check, Checker
+from sins_env.evaluation.contract.told import ALIGNMENT, NAVIGATION
+from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.estimators.child import UNSENDABLE, Child
+from sins_env.evaluation.estimators.guard import EstimatorError
+
+
+def check_estimator(
+    solver: finding.Solver,
+    settings: Mapping[str, Any] | None = None,
+    on_check: Callable[[Check], None] | None = None,
+    *,
+    tolerance: float = TOLERANCE,
+    apart: bool = False,
+) -> list[Check]:
+    """Check an estimator by the contract; it keeps it if ``all(check.passed is not False for check in ...)``.
+
+    The contract is that of alignment, of navigation, or both, whichever tasks the estimator answers.
+
+    Args:
+        solver: a factory, a name, or ``module:Factory``.
+        settings: settings of the solver.
+        on_check: function called with the result of each check when it ends.
+        tolerance: largest difference of results that must be the same; float32 needs about 1e-6.
+        apart: run the checks in a process of their own, for an estimator that may end it.
+
+    Raises:
+        ValueError: no such solver, settings that it refuses, or an estimator without ``batched``, ``reset`` or ``step``; a
+            tolerance that is not positive.
+        EstimatorError: the estimator ended the process of the checks.
+    """
+    if not 0 < tolerance < math.inf:
+        raise ValueError(f"tolerance = {tolerance!r}; allowed: a positive number")
+    found = []
+    for check in (_elsewhere if apart else _checks)(solver, settings, tolerance):
+        found.append(check)
+        if on_check:
+            on_check(check)
+    return found
+
+
+def _checks(solver: finding.Solver, settings: Mapping[str, Any] | None, tolerance: float) -> Iterator[Check]:
+    finding.make(solver, settings)
+    alignment, navigation = (Checker(solver, settings, tolerance, world) for world in (ALIGNMENT, NAVIGATION))
+    not_navigating = navigation.refusal()
+    if not not_navigating and (reason := alignment.refusal()):
+        yield Check("alignment", None, f"does not apply: it navigates only ({reason})")
+    else:
+        yield from alignment.results()
+    if not_navigating:
+        yield Check("navigation", None, f"does not apply ({not_navigating})")
+        return
+    for check in navigation.results():
+        yield check._replace(name=f"navigation: {check.name}")
+
+
+def _elsewhere(solver: finding.Solver, settings: Mapping[str, Any] | None, tolerance: float) -> Iterator[Check]:
+    """Yield the same checks from a process of their own, each when it ends."""
+    child, name = Child(_Served), finding.solver_name(solver)
+    try:
+        child.call("begin", math.inf, solver, dict(settings or {}), tolerance)
+        while (check := child.call("check", math.inf)) is not None:
+            yield check
+    except UNSENDABLE as error:
+        raise ValueError(f"solver {name!r} cannot be checked in a process of its own: {error}") from error
+    except EstimatorError as error:
+        if error.ended:
+            raise EstimatorError(f"{name} ended its process in the middle of the checks ({error.ended})") from None
+        raise EstimatorError(f"{name}: {error}") from error
+    finally:
+        child.close()
+
+
+class _Served:
+    """The checks in the other process, as :func:`_elsewhere` asks for them."""
+
+    def begin(self, solver: finding.Solver, settings: Mapping[str, Any], tolerance: float) -> None:
+        self._rest = _checks(solver, settings, tolerance)
+
+    def check(self) -> Check | None:
+        """Return the next check; None after the last."""
+        return next(self._rest, None)

@@ -1,0 +1,93 @@
+"""One queue fills a results file: of all evaluations what is missing, each portion stored as it ends, costs in the end."""
+
+import pytest
+
+from sins_env.evaluation.play.executors import InProcess
+from sins_env.evaluation.store import filling
+from sins_env.evaluation.store.filling import Evaluation, fill
+from sins_env.evaluation.store.store import Store
+
+PLUGIN = "evaluation.plugins:"
+
+
+@pytest.fixture
+def store(tmp_path, short):
+    with Store(tmp_path / "r.sqlite") as opened:
+        opened.add_task(short)
+        yield opened
+
+
+@pytest.fixture
+def queues(monkeypatch):
+    """The queues that were run, as solvers and runs."""
+    seen = []
+    run = InProcess.run
+
+    def kept(self, jobs, progress):
+        seen.append([(job.solver.removeprefix(PLUGIN), job.runs) for job in jobs])
+        return run(self, jobs, progress)
+
+    monkeypatch.setattr(InProcess, "run", kept)
+    monkeypatch.setattr(filling.isolation, "limit", lambda solver: None)
+    return seen
+
+
+def wanted(short, *names, runs=4):
+    return [Evaluation.of(short, PLUGIN + name, {}, range(runs), None) for name in names]
+
+
+def test_one_queue_of_what_is_missing(short, store, queues):
+    both = wanted(short, "Told", "DeadReckoning")
+    fill(store, wanted(short, "Told", runs=1), workers=1)
+    fill(store, both, workers=1, chunk=2)
+    assert queues[1] == [("Told", (1, 2)), ("Told", (3,)), ("DeadReckoning", (0, 1)), ("DeadReckoning", (2, 3))]
+    assert [store.runs_of(one.key) for one in both] == [{0, 1, 2, 3}] * 2
+    fill(store, both, workers=1)
+    assert len(queues) == 2  # nothing is left
+
+
+def test_costs_are_measured_once_and_in_the_end(short, store, queues, monkeypatch):
+    asked = []
+
+    def cost_of(job, where):
+        asked.append((job.solver, [len(store.runs_of(one.key)) for one in both]))
+        return (1.0, 2.0, None) if job.solver.endswith("Told") else None
+
+    monkeypatch.setattr(filling, "cost_of", cost_of)
+    both = wanted(short, "Told", "DeadReckoning")
+    fill(store, both, workers=1, timed=both)
+    assert asked == [(PLUGIN + "Told", [4, 4]), (PLUGIN + "DeadReckoning", [4, 4])]
+    assert store.results(both[0].key).cost == (1.0, 2.0, None)
+    asked.clear()
+    fill(store, both, workers=1, timed=both[:1])
+    assert (asked, len(queues)) == ([], 1)
+    fill(store, both, workers=1, timed=both)  # raised before, or was interrupted
+    assert [solver for solver, _ in asked] == [PLUGIN + "DeadReckoning"]
+
+
+def test_no_cost_of_a_solver_that_lost_a_run(short, store, queues, monkeypatch):
+    monkeypatch.setattr(InProcess, "run", lambda self, jobs, progress: ((job, None) for job in jobs))
+    monkeypatch.setattr(filling, "cost_of", None)  # is not called
+    one = wanted(short, "Told")
+    fill(store, one, workers=1, timed=one)
+    assert set(store.results(one[0].key).records.status) == {"lost"}
+
+
+def test_ctrl_c_says_what_is_there(short, store, queues, monkeypatch):
+    add = Store.add
+
+    def interrupted(self, key, records):
+        if key.solver.endswith("Reckoning"):
+            raise KeyboardInterrupt
+        add(self, key, records)
+
+    monkeypatch.setattr(Store, "add", interrupted)
+    with pytest.raises(KeyboardInterrupt, match=r"interrupted: 4 of 8 runs are in .*r\.sqlite; try again"):
+        fill(store, wanted(short, "Told", "DeadReckoning"), workers=1, resume="try again")
+
+
+def test_a_foreign_solver_may_end_its_worker(short, store):
+    """One worker, and it is another process: the runs are lost, the neighbours' are not."""
+    both = wanted(short, "Leaves", "Told", runs=2)
+    fill(store, both, workers=1)
+    assert [set(store.results(one.key).records.status) for one in both] == [{"lost"}, {"diverged"}]
