@@ -34,6 +34,17 @@ def test_heavy_packages_stay_out(module):
     assert [name for name in HEAVY if name in loaded] == []
 
 
+def test_the_zoo_is_imported_when_it_is_asked_for():
+    """By a name of the package, by a submodule of its own, and by ``import *``; what is not there is an error."""
+    assert (
+        "solvers.making" not in fresh("import sys, solvers.types, solvers.blocks.moments; print(*sys.modules)").split()
+    )
+    for use in ("import solvers; solvers.names()", "import solvers; solvers.filters.FILTERS['ckf']"):
+        assert "solvers.filters.sigma.ckf" in fresh(f"{use}; import sys; print(*sys.modules)").split()
+    assert fresh("from solvers import *; print('ckf' in names(), make('ckf').batched)") == "True True\n"
+    assert fresh("import solvers; print(hasattr(solvers, 'nothing'))") == "False\n"
+
+
 def test_help_starts_without_the_evaluation():
     code = "import sys; from sins_env.cli.main import main; main(['--help']); print(*sys.modules)"
     assert {"gymnasium", "sins_env.evaluation", "scipy.special"}.isdisjoint(fresh(code).split())

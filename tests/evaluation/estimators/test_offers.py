@@ -6,6 +6,7 @@ from textwrap import dedent
 
 import pytest
 
+import solvers
 from sins_env.evaluation import evaluate
 from sins_env.evaluation.estimators import finding, offers
 from solvers.registry import ESTIMATORS, FILTERS
@@ -53,6 +54,7 @@ MAPS = """
 def installed(tmp_path, monkeypatch):
     """Install a module with entry points, as pip does; each call is a package of its own. All is forgotten afterwards."""
     monkeypatch.syspath_prepend(tmp_path)
+    assert solvers.names()  # the zoo is imported when it is first asked for
     known = dict(FILTERS), dict(ESTIMATORS)
 
     def install(module, source, **points):
