@@ -39,3 +39,9 @@ TASKS = (
         records=30,
     ),
 )
+
+#: Their worlds; another digest is another task and needs a new version.
+DIGESTS = {
+    "static8-v0": "517bec60e1f27b00",
+    "vehicle-v0": "0da1285c86438ffd",
+}

@@ -82,3 +82,15 @@ TASKS = (
         kwargs=USUAL | {"any_heading": True},
     ),
 )
+
+#: Their worlds; another digest is another task and needs a new version.
+DIGESTS = {
+    "sway-white-v0": "da7a66a7e428e9a1",
+    "sway-markov-v0": "9e11c361f16f2a9b",
+    "sway-told-wrong-v0": "70bfe20fab034d16",
+    "sway-scratch-v0": "8cab0500775a3324",
+    "sway-contaminated-v0": "0441138bca8260c3",
+    "sway-jump-v0": "e28052c069259694",
+    "sway-heavytail-v0": "967585caaf2efde1",
+    "sway-anyheading-v0": "e069acc635ced5fd",
+}
