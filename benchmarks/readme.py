@@ -1,6 +1,6 @@
-"""Writes the tables of README: the leaderboard from leaderboard.json, the zoo from the registry and leaderboard.json.
+"""Writes the tables of README: tasks from the catalogue, leaderboard and zoo from leaderboard.json and the docstrings.
 
-python benchmarks/readme.py              after leaderboard.py, or when the docstring of a solver has changed
+python benchmarks/readme.py              after leaderboard.py, or when a task or the docstring of a solver has changed
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import zoo
 
 from sins_env.cli.output import remark
 from sins_env.evaluation.show.numbers import angle_text, number_text
+from sins_env.evaluation.tasks.catalogue import TASKS
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
@@ -30,8 +31,9 @@ Entry = dict[str, Any]  #: a task or a result of leaderboard.json
 
 
 def written(document: str, board: dict[str, Any]) -> str:
-    """Return ``document`` with the two tables between their markers."""
+    """Return ``document`` with the tables between their markers."""
     document = markers.replaced(document, "leaderboard", leaderboard(board))
+    document = markers.replaced(document, "tasks", tasks_table())
     return markers.replaced(document, "zoo", zoo_table(board))
 
 
@@ -44,6 +46,11 @@ def leaderboard(board: dict[str, Any]) -> str:
     when = first if first == last else f"{first} to {last}"
     packages = ", ".join(f"{name} {made['versions'][name]}" for name in ("python", "numpy", "scipy"))
     return f"{_table(head, rows)}\n\nMade {when} by code {made['code']} ({packages}), suite seed 0."
+
+
+def tasks_table() -> str:
+    """Return the table of all tasks, with what they say of themselves."""
+    return _table(("task", "what"), [(f"`{task.name}`", task.what) for task in TASKS.values()])
 
 
 def _task_row(task: Entry, entries: Sequence[Entry]) -> tuple[str, ...]:
