@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from sins_env.moved import forward
 
 if TYPE_CHECKING:
-    from solvers.making import describe, make, names, register, settings
+    from solvers.making import Pipeline, describe, make, names, register, settings
 
 __all__ = ["Pipeline", "describe", "make", "names", "register", "settings"]
 

@@ -12,7 +12,7 @@ from solvers.pipeline.estimator import Pipeline
 from solvers.pipeline.settings import Settings
 from solvers.registry import ESTIMATORS, FILTERS, class_of, import_all, register
 
-__all__ = ["describe", "make", "names", "register", "settings"]
+__all__ = ["Pipeline", "describe", "make", "names", "register", "settings"]
 
 import_all(pipeline.__path__, pipeline.__name__)
 

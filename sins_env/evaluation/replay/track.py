@@ -7,18 +7,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
+from sins_env.evaluation.play.one_run import Course
+from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.recordings import Recording, reference_at
 from sins_env.states import NAVIGATION
-
-if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
-    from sins_env.evaluation.play.one_run import Course
-    from sins_env.evaluation.tasks.task import EvaluationTask
 
 
 @dataclass(frozen=True, eq=False)
