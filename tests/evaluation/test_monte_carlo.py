@@ -16,7 +16,7 @@ import pytest
 from evaluation import plugins
 
 from sins_env import attitude
-from sins_env.evaluation import Results, evaluate, get_task, run_episode
+from sins_env.evaluation import Results, compare, evaluate, get_task, run_episode
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.monte_carlo import chunks
 from sins_env.evaluation.play.pool import Processes
@@ -389,3 +389,20 @@ def test_recording(recorded):
     env = task.make(7)
     _, info = task.reset(env, range(7))
     assert not info["start"]["known"].any()
+
+
+def test_what_it_gives_is_one_short_line(short):
+    mine, other = (evaluate(short, HERE + name, 3, workers=1, cost=False) for name in ("DeadReckoning", "Noisy"))
+    raised = evaluate(short, HERE + "At", 3, workers=1, cost=False, settings={"epoch": 7}).records
+    course = run_episode(short, HERE + "At", run=2, settings={"epoch": 7})
+    shown = [repr(one) for one in (mine, mine.records, raised, mine.summary, mine.bound, compare(mine, other), course)]
+    assert shown[1:3] == ["<Records of 3 runs: 3 ok>", "<Records of 3 runs: 3 raised>"]
+    assert shown[3].startswith("<Summary of 3 runs: ")
+    assert shown[4].startswith("<Bound: ")
+    assert shown[5].startswith(
+        f"<Comparison of {HERE}DeadReckoning with {HERE}Noisy on short-v0: 3 runs, azimuth RMS ratio "
+    )
+    assert shown[6] == "<Course of run 2: 6 epochs, step raised ArithmeticError: no square root, at 0.7 s>"
+    for text in shown:
+        assert "\n" not in text
+        assert len(text) < 160

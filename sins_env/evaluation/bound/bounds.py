@@ -32,7 +32,7 @@ from sins_env.worlds.simulated import SimulatedWorld
 RUNS = 16  #: number of runs of the task's suite to average over; only their motion enters
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Bound:
     """Smallest 1-sigma errors: phi E, N, U in rad; in navigation also velocity in m/s and position in m, E, N, U each."""
 
@@ -42,6 +42,10 @@ class Bound:
     final: Array  #: (3,) or (9,) bound at T
     epochs: NDArray[np.int64]  #: (2,) first epoch of the steady state, and the last epoch
     holds: Mask  #: () whether the start is drawn from a Gaussian; if not, the bound is only a reference
+
+    def __repr__(self) -> str:
+        east, north, azimuth = np.degrees(self.steady[:3]) * 3600
+        return f"<Bound: {azimuth:.4g} arcsec in azimuth, {east:.3g} east, {north:.3g} north in the steady state>"
 
     def fits(self, criteria: Criteria) -> bool:
         """Return whether scores by these criteria are taken at the same epochs."""

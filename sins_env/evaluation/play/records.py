@@ -11,6 +11,7 @@ A new score of a run is a field of :class:`Records` with its description, and it
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
@@ -28,7 +29,7 @@ LATE = SCORED.span("dv", "dp")
 _NEES = {"parts": NEES_PARTS, "units": ("",) * len(NEES_PARTS)}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Records:
     """Runs of one solver on one task, one row per run. Units are rad, and s from the start of fine alignment."""
 
@@ -64,6 +65,10 @@ class Records:
     span_final: Array = field(metadata=error_of(COMPONENTS, column="final", navigates=True, since=4))
     #: (R, len(NEES_AT)) NEES of attitude, velocity and position together
     nees_all: Array = field(metadata=kept(**_NEES, navigates=True, since=4))
+
+    def __repr__(self) -> str:
+        counts = Counter(self.status.tolist())
+        return f"<Records of {len(self)} runs: {', '.join(f'{n} {status}' for status, n in counts.most_common())}>"
 
     def __len__(self) -> int:
         return len(self.run)

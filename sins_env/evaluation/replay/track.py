@@ -18,7 +18,7 @@ from sins_env.recordings import Recording, reference_at
 from sins_env.states import NAVIGATION
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Track:
     """Velocity and position in every window. Errors are NaN if the recording has no reference."""
 
@@ -31,6 +31,9 @@ class Track:
     fixes: Array  #: (W, K, 3) position fixes of the antenna; NaN at epochs without one
     vel_error: Array  #: (W, K, 3) error of velocity E, N, U, m/s
     pos_error: Array  #: (W, K, 3) error of position E, N, U, m
+
+    def __repr__(self) -> str:
+        return f"<Track on {self.recording.name}: {len(self.starts)} windows of {self.t[-1]:g} s>"
 
     def displacement_errors(self, window: int) -> tuple[Array, Array]:
         """Return times (D,) s in the window and errors (D, 3) m E, N, U of displacements after the coarse phase."""

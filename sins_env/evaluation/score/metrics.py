@@ -99,7 +99,7 @@ def heading_spread(known: Array) -> float:
     return math.sqrt(np.square(away).mean()) if len(away) else math.nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Summary:
     """Scores of a solver on a task. Errors are in arcsec by axis; times are in s from the start of fine alignment."""
 
@@ -123,6 +123,9 @@ class Summary:
     fallbacks: float  #: number of times per run that a safeguard replaced the solver's own rule; not a failure
     scored: bool = True  #: whether there is a reference; without one, times, success and errors are NaN
     navigation: Navigation | None = None  #: scores of navigation, for a task that navigates
+
+    def __repr__(self) -> str:
+        return f"<Summary of {self.runs} runs: {self.success:.0%} aligned, azimuth RMS {self.rms['U']:.4g} arcsec>"
 
     @property
     def failures(self) -> int:

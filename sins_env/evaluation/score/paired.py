@@ -29,7 +29,7 @@ from sins_env.evaluation.score.results import Results
 _Z = float(special.ndtri(resampling.TAILS[1]))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """Comparison of solver ``a`` with solver ``b`` over their common runs; each number has its 95 % interval."""
 
@@ -49,6 +49,10 @@ class Comparison:
     def differ(self) -> bool:
         """Whether the interval of the ratio excludes 1."""
         return apart(self.runs, self.ratio[1])
+
+    def __repr__(self) -> str:
+        ratio = f"{self.score} RMS ratio {_text(self.ratio, '.3f')}"
+        return f"<Comparison of {self.a} with {self.b} on {self.task}: {self.runs} runs, {ratio}>"
 
     def __str__(self) -> str:
         verdict = f"{self.a if self.ratio[0] < 1 else self.b} is more accurate" if self.differ else "not told apart"

@@ -141,6 +141,7 @@ def test_displacements_are_those_of_the_antenna():
 def test_windows_have_their_own_displacements():
     found = replay("drive.npz", Driven, [(100.0, 20.0)], 10.0, env=ENV)
     assert_allclose(found.starts, [100, 110, 120])
+    assert repr(found.track) == "<Track on drive: 3 windows of 20 s>"
     for i in range(3):
         t, error = found.track.displacement_errors(i)
         assert t[0] == pytest.approx(7.0 if i else 8.0)
