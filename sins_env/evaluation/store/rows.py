@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -71,10 +70,9 @@ def to_span(row: int, run: Mapping[str, Any]) -> tuple[Any, ...]:
     return (row, *_numbers(SPANS, run))
 
 
-def _numbers(fields: Sequence[Field], run: Mapping[str, Any]) -> list[float | None]:
-    """Return every part of these fields; None for NaN."""
-    values = (value for one in fields for value in np.atleast_1d(run[one.name]).tolist())
-    return [None if math.isnan(value) else value for value in values]
+def _numbers(fields: Sequence[Field], run: Mapping[str, Any]) -> list[float]:
+    """Return every part of these fields; SQLite keeps NaN as NULL."""
+    return [value for one in fields for value in np.atleast_1d(run[one.name]).tolist()]
 
 
 def to_blob(history: Any) -> bytes:

@@ -17,7 +17,7 @@ import numpy as np
 from sins_env.arrays import Array
 from sins_env.evaluation import monte_carlo
 from sins_env.evaluation.estimators import version
-from sins_env.evaluation.play.criteria import AXES, COMPONENTS, DIVERGED_SIGMAS, Criteria
+from sins_env.evaluation.play.criteria import COMPONENTS, DIVERGED_SIGMAS, PHI, Criteria
 from sins_env.evaluation.play.executors import Runner
 from sins_env.evaluation.play.fields import NEES_PARTS, Field
 from sins_env.evaluation.play.records import FIELDS, Records
@@ -166,7 +166,7 @@ def _sizes(one: Field, before: Array, stored: dict[str, Any], criteria: Criteria
     if one.components:
         start = _start(criteria)
         size = start.copy()  # of errors that nearly cancel, as a mean may, it is that of the terms
-        size[: len(AXES)] = np.maximum(np.nan_to_num(stored["steady_rms"]), start[: len(AXES)])
+        size[PHI] = np.maximum(np.nan_to_num(stored["steady_rms"]), start[PHI])
         return size[[COMPONENTS.index(name) for name in one.components]]
     nees = one.parts == NEES_PARTS and criteria.navigates
     return NEES_SIZE * before if nees else np.zeros(one.width)

@@ -94,6 +94,16 @@ def test_every_table_has_the_titles_that_apply(group):
     assert plain == ["runs", "aligned", *titles[1:]]  # there the number of runs has a column of its own
 
 
+def test_the_page_says_in_small_type_what_a_column_is_about(group):
+    lines, _ = group
+    told = {"RMS / bound": "azimuth", "error / bound": "position", "failed": "runs", "azimuth RMS": "arcsec", "heading": "deg",
+            "cost / ckf": "", "heading spread": "°"}  # fmt: skip
+    heads = dict(page_tables.heads_of(lines))
+    assert {title: small for title, small in heads.items() if title in told} == {
+        title: small for title, small in told.items() if title in heads
+    }
+
+
 def test_every_table_shows_what_its_columns_say(group):
     lines, _ = group
     text = text_of(terminal_tables.table(lines, WIDE), WIDE)
@@ -143,6 +153,44 @@ def test_as_many_figures_as_headings(column):
     json.dumps(column.json(one), allow_nan=False)
     assert (column.cell is None) or column.shown(one).value
     assert column.drop == 0 or column.part
+
+
+# ---- a narrow terminal ----
+
+
+def narrowed(lines, width):
+    """The table, its headings, and what the line below says was left out."""
+    text = text_of(terminal_tables.table(lines, width), width)
+    left_out = " ".join(text.split()).partition(f"Left out in {width} columns: ")[2].partition(";")[0]
+    return text, text.partition("─")[0], left_out.split(", ")
+
+
+def test_what_a_task_is_about_stays_with_its_interval():
+    """Errors of one run are twice those of the others, so that there are intervals."""
+    size = np.where(np.arange(30) == 0, 6.0, 3.0)
+    lines = [test_navigation.solver("one", {"pos_e": size, "vel_e": 0.17 * size, "heading": 0.01 * size})]
+    intervals = {}
+    for name in ("armse_position_h", "armse_velocity_h", "armse_azimuth"):
+        (column,) = [column for column in columns.table_columns(lines, TERMINAL) if column.key == name]
+        intervals[name] = column.shown(lines[0]).below
+    text, head, left_out = narrowed(lines, 50)
+    assert (intervals["armse_position_h"] in text, intervals["armse_velocity_h"] in text) == (True, False)
+    assert left_out[0] == "intervals of the other errors"
+    text, head, left_out = narrowed(lines, 24)
+    assert "hor., m" in head
+    assert intervals["armse_position_h"] in text
+    assert not any(word in head for word in ("heading", "level", "m/s", "failed"))
+    assert left_out[-1] == "the other errors"
+    assert "intervals of the other errors" not in left_out  # they are gone with their columns
+
+
+def test_a_solver_below_the_bound_is_called_so():
+    one = bounded(results("one", 800))
+    vars(one)["below_bound"] = True
+    text = text_of(terminal_tables.table([one], WIDE), WIDE)
+    assert "below" in text.partition("aligned:")[0].split()
+    vars(one)["below_bound"] = False
+    assert "below" not in text_of(terminal_tables.table([one], WIDE), WIDE).partition("aligned:")[0].split()
 
 
 # ---- a new column ----

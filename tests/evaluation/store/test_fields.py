@@ -147,6 +147,16 @@ def test_the_fourth_schema_is_what_version_0_1_0_wrote(fourth, tmp_path):
     assert SCHEMA_VERSION > 4 or index == new_index
 
 
+def test_an_older_file_gets_the_columns_and_the_index_of_a_new_one(tmp_path):
+    path = tmp_path / "third.sqlite"
+    third = sqlite3.connect(path)
+    third.executescript((DATA / "schema3.sql").read_text())
+    third.close()
+    for name in (path, tmp_path / "new.sqlite"):
+        Store(name).close()
+    assert columns_in(path) == columns_in(tmp_path / "new.sqlite")
+
+
 def test_a_file_of_version_0_1_0_gives_the_same_table_and_export(fourth, tmp_path):
     with Store(fourth, read_only=True) as db:
         keys = db.keys()
