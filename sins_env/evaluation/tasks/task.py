@@ -122,7 +122,8 @@ def run_numbers(runs: int | Iterable[int]) -> list[int]:
 _SEEDS = "allowed: a whole number that is not negative"
 
 
-def _sequence(task: EvaluationTask, suite_seed: int | None, *key: int) -> np.random.SeedSequence:
+def seed_sequence(task: EvaluationTask, suite_seed: int | None, *key: int) -> np.random.SeedSequence:
+    """Return the seed sequence of a task in a suite, for numbers such as that of the run."""
     seed = _seed(task, suite_seed)
     return np.random.SeedSequence(seed, spawn_key=(zlib.crc32((task.seeds_of or task.name).encode()), *key))
 
@@ -140,7 +141,7 @@ def _seed(task: EvaluationTask, suite_seed: int | None) -> int:
 
 def run_seed(task: EvaluationTask, run: int, suite_seed: int | None = None) -> int:
     """Return the seed of the environment in one run, which is the same for every solver."""
-    return int(_sequence(task, suite_seed, run).generate_state(1, np.uint64)[0])
+    return int(seed_sequence(task, suite_seed, run).generate_state(1, np.uint64)[0])
 
 
 def solver_rng(task: EvaluationTask, solver: str, run: int, suite_seed: int | None = None) -> np.random.Generator:
@@ -149,7 +150,7 @@ def solver_rng(task: EvaluationTask, solver: str, run: int, suite_seed: int | No
     Its seed sequence, from which the solver may spawn, is a hash. With the suite seed itself a solver could compute the
     truth of its run.
     """
-    source = _sequence(task, suite_seed, zlib.crc32(solver.encode()), run)
+    source = seed_sequence(task, suite_seed, zlib.crc32(solver.encode()), run)
     hashed = hashlib.sha256(repr((source.entropy, source.spawn_key)).encode()).digest()
     bits = np.random.PCG64(np.random.SeedSequence(int.from_bytes(hashed)))
     bits.state = np.random.PCG64(source).state

@@ -188,7 +188,7 @@ def test_a_secret_seed_stays_secret(short, monkeypatch, capsys):
 def test_a_solver_cannot_make_the_truth_from_its_generator(short):
     """The stream is that of the suite's seed sequence; what it spawns is another for each run."""
     rng = tasks.solver_rng(short, "s", 3, SECRET)
-    plain = np.random.default_rng(tasks._sequence(short, SECRET, tasks.zlib.crc32(b"s"), 3))
+    plain = np.random.default_rng(tasks.seed_sequence(short, SECRET, tasks.zlib.crc32(b"s"), 3))
     np.testing.assert_array_equal(rng.random(5), plain.random(5))
     sequence = rng.bit_generator.seed_seq
     assert SECRET not in (sequence.entropy, *sequence.spawn_key)
