@@ -89,8 +89,10 @@ def test_every_form_shows_no_score(found):
         assert row["rank"] == row["success"] == row["rms_u_arcsec"] == row["t_conv_median_s"] == row["rms_n_low"] == ""
         assert float(row["spread_deg"]) == found.summary.spread_deg
         assert row["diverged"] == "0"
-    cells = [cell.strip() for cell in plain_tables.as_markdown([found]).splitlines()[6].split("|")[1:-1]]
-    assert cells == ["-", found.solver, "3", *["-"] * 5, "0", "-", numbers.number_text(found.summary.spread_deg)]
+    head, _, row = (line.strip("|").split("|") for line in plain_tables.as_markdown([found]).splitlines()[4:7])
+    said = {name.strip(): cell.strip() for name, cell in zip(head, row, strict=True) if cell.strip() != "-"}
+    spread = numbers.number_text(found.summary.spread_deg)
+    assert said == {"solver": found.solver, "runs": "3", "failures": "0", "spread, deg": spread}
     for width in (80, 120):
         console = Console(width=width, file=io.StringIO())
         console.print(terminal_tables.table([found, other], width))
