@@ -60,7 +60,11 @@ MOVED = {
     "sins_env.evaluation.quantities": "sins_env.evaluation.score.quantities",
     "sins_env.evaluation.ranking": "sins_env.evaluation.score.ranking",
     "sins_env.evaluation.records": "sins_env.evaluation.play.records",
-    "sins_env.evaluation.registry": "sins_env.evaluation.estimators.finding sins_env.evaluation.estimators.version",
+    "sins_env.evaluation.registry": (
+        "sins_env.evaluation.estimators.finding "
+        "sins_env.evaluation.estimators.offers "
+        "sins_env.evaluation.estimators.version"
+    ),
     "sins_env.evaluation.repeatability": "sins_env.evaluation.score.repeatability",
     "sins_env.evaluation.replay_figure": "sins_env.evaluation.replay.angles_figure",
     "sins_env.evaluation.replaying": "sins_env.evaluation.replay.replaying sins_env.evaluation.replay.tables",

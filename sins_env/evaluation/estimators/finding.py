@@ -52,6 +52,8 @@ def is_own(solver: Solver) -> bool:
 
 def is_foreign(name: str) -> bool:
     """Return whether another package offers a solver of that name."""
+    if is_own(name):
+        return False
     return any(point.name == name for point in offers.points()[1]) or name in _foreign()
 
 

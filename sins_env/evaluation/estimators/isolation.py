@@ -40,7 +40,7 @@ def limit(solver: finding.Solver, timeout_s: float | None = None) -> float | Non
     of another package has one, too, without a limit, because it may do anything to its process. An unknown name has none.
     """
     named = isinstance(solver, str) and ":" not in solver
-    foreign = not named or (not finding.is_own(solver) and finding.is_foreign(str(solver)))
+    foreign = not named or finding.is_foreign(str(solver))
     return math.inf if timeout_s is None and foreign else timeout_s
 
 

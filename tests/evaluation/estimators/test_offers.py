@@ -1,5 +1,6 @@
 """What other packages offer: one entry point, many names; a package that goes wrong costs its own names and nothing else."""
 
+import math
 import subprocess
 import sys
 from textwrap import dedent
@@ -9,6 +10,7 @@ import pytest
 import solvers
 from sins_env.evaluation import evaluate
 from sins_env.evaluation.estimators import finding, offers
+from sins_env.evaluation.estimators.isolation import limit
 from solvers.registry import ESTIMATORS, FILTERS
 
 REGISTERS = """
@@ -89,6 +91,7 @@ def test_one_entry_point_many_registered_names(installed):
     assert "my_filters" not in sys.modules
     assert type(finding.make("soft", {"softness": 0.25})).__name__ == "Pipeline"
     assert finding.make("steady").batched
+    assert (limit("soft"), limit("ckf"), limit("sofd")) == (math.inf, None, None)
     assert not finding.is_own("soft")  # though it is registered in this process now
     assert finding.find("my_filters:steady")().batched
     with pytest.raises(ValueError, match="unknown factory in my_filters 'sofd'; did you mean 'soft'"):
@@ -170,6 +173,7 @@ def test_own_solvers_need_no_other_process(installed, monkeypatch):
     assert finding.make("ckf").batched
     assert finding.is_own("ckf")
     assert not finding.is_own("soft")
+    assert limit("ckf") is None
     installed("my_filters", REGISTERS, plain="evaluation.plugins:Told")
     assert finding.find("plain").__name__ == "Told"  # an entry point of its own name needs none, either
 

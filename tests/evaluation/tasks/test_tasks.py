@@ -9,6 +9,7 @@ import pytest
 from places import ROOT
 
 from sins_env import attitude
+from sins_env.envs import ENV_IDS
 from sins_env.evaluation import digest, get_task
 from sins_env.evaluation.tasks import catalogue as tasks
 from sins_env.evaluation.tasks import suite
@@ -189,10 +190,11 @@ TASKS = (replace(SWAY[0], name={!r}),)
 
 
 def test_a_new_task_is_one_new_file(added):
-    """It stands with those of its environment; the others stay as they are."""
+    """It stands with those of its environment, in the order of the environments; the others stay as they are."""
     found = added("zz_mine", ONE_MORE.format("sway-mine-v0"))
     assert [name for name in found if name != "sway-mine-v0"] == tasks.names()
     assert list(found).index("sway-mine-v0") == list(found).index("sway-anyheading-v0") + 1
+    assert list(dict.fromkeys(task.env_id for task in found.values())) == list(ENV_IDS)
 
 
 def test_a_file_of_tasks_that_is_none(added):
