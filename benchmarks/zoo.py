@@ -6,7 +6,7 @@ import inspect
 import re
 
 import solvers
-from solvers.registry import ESTIMATORS, FILTERS
+from solvers.registry import FILTERS
 
 LONGEST = 158  #: largest number of characters of an idea; a longer one is cut down to the solver's title
 
@@ -23,7 +23,8 @@ UNSHOWN = (
 
 def names() -> list[str]:
     """Return every solver: the filters family by family, then the complete estimators."""
-    return [*FILTERS, *sorted(ESTIMATORS)]
+    known = solvers.names()
+    return [*FILTERS, *(name for name in known if name not in FILTERS)]
 
 
 def idea(name: str) -> str:

@@ -57,6 +57,7 @@ def installed(tmp_path, monkeypatch):
     """Install a module with entry points, as pip does; each call is a package of its own. All is forgotten afterwards."""
     monkeypatch.syspath_prepend(tmp_path)
     assert solvers.names()  # the zoo is imported when it is first asked for
+    finding.names()  # own solvers are registered when they are first asked for
     known = dict(FILTERS), dict(ESTIMATORS)
 
     def install(module, source, **points):
