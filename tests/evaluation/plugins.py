@@ -106,6 +106,18 @@ class At(DeadReckoning):
         return q
 
 
+class Once(At):
+    """Plays once: a second ``reset`` raises, so that whoever promises a new estimator must make one."""
+
+    used = False
+
+    def reset(self, task, rng, num_runs=1):
+        if self.used:
+            raise RuntimeError("used before")
+        self.used = True
+        super().reset(task, rng, num_runs)
+
+
 class UnknownAt(At):
     """The same in every run, after an unknown start, at the last epoch."""
 

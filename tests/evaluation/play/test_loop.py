@@ -101,3 +101,12 @@ def test_who_has_a_process_of_its_own():
     with hosted(PLUGIN + "OneByOne", {}, math.inf) as host:
         assert isinstance(host, Isolated)
         assert not host.batched
+
+
+@pytest.mark.parametrize("limit_s", [None, math.inf])
+def test_after_an_error_the_estimator_is_made_anew(short, start_of, limit_s):
+    """The halves of a batch are played by new estimators: the state of the one that raised is unknown."""
+    given = {"settings": {"q": start_of(2)}, "epoch_timeout_s": limit_s}
+    found = evaluate(short, PLUGIN + "Once", 4, workers=1, cost=False, **given).records
+    assert found.status.tolist() == ["ok", "ok", "raised", "ok"]
+    assert found.reason[2] == "step raised ArithmeticError: no square root, at 0.5 s"

@@ -137,6 +137,12 @@ def test_apart_the_replay_is_the_same(still, solver):
     assert repr(here) == f"<Replay of {PLUGIN}{solver} on still: 2 windows of 20 s>"
 
 
+def test_each_environment_has_a_new_estimator(still):
+    windows = [(105.0, 20.0), (130.0, 20.0)]
+    found = replay("still.npz", PLUGIN + "Once", windows, settings={"epoch": 0}, env={"start": "told"})
+    assert found.failed == ("", "")
+
+
 def test_a_solver_that_ends_its_process_or_hangs(still):
     with pytest.raises(EstimatorError, match=r"step ended its process \(exit code 7\)"):
         replay("still.npz", PLUGIN + "Leaves", env={"coarse": 5.0}, epoch_timeout_s=math.inf)

@@ -53,6 +53,11 @@ def test_fitting(short):
     assert remarks == ["evaluation.plugins:OneByOne takes one run at a time: 1 run instead of 4"]
 
 
+def test_each_batch_size_has_a_new_estimator(short):
+    speeds = measure(Here(PLUGIN + "Once", {"epoch": 0}), short, batches=(2, 1), seconds=0.05)
+    assert [one.runs for one in speeds] == [2, 2, 2, 1, 1, 1]
+
+
 def test_a_solver_that_ends_its_process(short):
     with hosted(PLUGIN + "Leaves", {}, math.inf) as host, pytest.raises(EstimatorError, match="exit code 7"):
         measure(host, short, batches=(1,))
