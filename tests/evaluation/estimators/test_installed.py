@@ -32,30 +32,29 @@ def site(tmp_path_factory):
     return outside / "site"
 
 
-@pytest.fixture
-def command(site, tmp_path):
-    """``sins-env`` in a process that finds the package, in a folder that is not the repository."""
-
-    def call(*arguments, code=0):
-        environment = {**os.environ, "PYTHONPATH": f"{site}{os.pathsep}{ROOT}", "COLUMNS": "160"}
-        go = "import sys; from sins_env.cli.main import main; sys.exit(main())"
-        line = [sys.executable, "-c", go, *map(str, arguments)]
-        done = subprocess.run(line, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=300)
-        assert done.returncode == code, done.stderr
-        return done.stdout
-
-    return call
-
-
-def test_an_installed_package(command):
-    (row,) = [line for line in command("list", "solvers").splitlines() if "gyro_reckoning" in line]
+def test_a_fresh_process_lists_it(site, tmp_path):
+    """In a folder that is not the repository."""
+    environment = {**os.environ, "PYTHONPATH": f"{site}{os.pathsep}{ROOT}", "COLUMNS": "160"}
+    go = "import sys; from sins_env.cli.main import main; sys.exit(main())"
+    line = [sys.executable, "-c", go, "list", "solvers"]
+    done = subprocess.run(line, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    (row,) = [line for line in done.stdout.splitlines() if "gyro_reckoning" in line]
     assert "Turns the told attitude by every gyro increment" in row
     assert "[gyro-reckoning 0.1.0]" in row
-    assert "gyro_reckoning meets the contract" in command("check", "gyro_reckoning")
+
+
+def test_it_is_checked_evaluated_and_on_the_board(site, short, cli, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(site)
+    offers.asked.cache_clear()
+    monkeypatch.setenv("COLUMNS", "160")
+    code, out, _ = cli("check", "gyro_reckoning")
+    assert (code, "gyro_reckoning meets the contract" in out) == (0, True)
     given = ("--solver", "gyro_reckoning", "coarse_inertial", "--runs", 2, "--workers", 1)
-    table = command("eval", "--task", "sway-white-v0", *given)
-    assert "gyro_reckoning" in table
-    board = {entry["solver"]: entry for entry in json.loads(command("board", "--json"))}
+    code, out, _ = cli("eval", "--task", "short-v0", *given)
+    assert (code, "gyro_reckoning" in out) == (0, True)
+    board = {entry["solver"]: entry for entry in json.loads(cli("board", "--json")[1])}
     assert board["gyro_reckoning"]["runs"] == board["coarse_inertial"]["runs"] == 2
     assert board["gyro_reckoning"]["failures"] == 0
     assert 1 < board["gyro_reckoning"]["rms"]["U"] / 3600 < 45  # deg: the error of the start, 15 deg (1 sigma)

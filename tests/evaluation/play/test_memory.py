@@ -13,7 +13,7 @@ _EVALUATION = """
 import dataclasses, resource, sys
 from sins_env.evaluation import evaluate, get_task
 task = get_task("sway-white-v0")
-kwargs = {**task.kwargs, "duration": float(sys.argv[1])}
+kwargs = {**task.kwargs, "duration": float(sys.argv[1]), "n_sub": 6}
 found = evaluate(dataclasses.replace(task, kwargs=kwargs, hold_s=5.0), "evaluation.plugins:Told", 256,
                  workers=1, chunk=256, cost=False)
 assert len(found.records) == 256
