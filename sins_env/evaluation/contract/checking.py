@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from sins_env.evaluation.contract.points import TOLERANCE, Check, Checker
+from sins_env.evaluation.contract.checker import TOLERANCE, Check, Checker
+from sins_env.evaluation.contract.points import results
 from sins_env.evaluation.contract.told import ALIGNMENT, NAVIGATION
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.estimators.child import UNSENDABLE, Child
@@ -54,11 +55,11 @@ def _checks(solver: finding.Solver, settings: Mapping[str, Any] | None, toleranc
     if not not_navigating and (reason := alignment.refusal()):
         yield Check("alignment", None, f"does not apply: it navigates only ({reason})")
     else:
-        yield from alignment.results()
+        yield from results(alignment)
     if not_navigating:
         yield Check("navigation", None, f"does not apply ({not_navigating})")
         return
-    for check in navigation.results():
+    for check in results(navigation):
         yield check._replace(name=f"navigation: {check.name}")
 
 
