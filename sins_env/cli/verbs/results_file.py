@@ -9,7 +9,7 @@ from rich.console import Console
 
 from sins_env.checks import unknown
 from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
-from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.estimators import isolation
 from sins_env.evaluation.play.executors import runner
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.report import page as pages
@@ -117,7 +117,7 @@ def verify(given: Namespace, console: Console) -> int:
     """Run random rows of a results file again, and print the differences."""
     with Store(given.db, read_only=True) as store:
         keys = _chosen(given, store)
-        apart = not all(map(finding.is_own, {key.solver for key in keys}))
+        apart = any(isolation.limit(solver) is not None for solver in {key.solver for key in keys})
         with runner(None, given.workers, given.rows, apart) as where, Bar(f"verifying {given.db}") as bar:
             found = verification.verify(
                 store, keys, given.rows, given.seed, given.draw, where=where, progress=bar.update
