@@ -205,7 +205,7 @@ def test_solver_as_a_class_and_cost(short):
     found = evaluate(short, plugins.DeadReckoning, 2, workers=1)
     assert isinstance(found, Results)
     assert found.solver == "evaluation.plugins:DeadReckoning"
-    assert 0 < found.cost.median_us <= found.cost.p95_us < 1e6
+    assert 0 < found.cost.median_us <= found.cost.p95_us
     assert repr(found) == "<Results of evaluation.plugins:DeadReckoning on short-v0: 2 runs>"
     assert evaluate(short, plugins.BadReset, 1, workers=1).cost is None
 
@@ -258,10 +258,9 @@ def test_close_ends_a_worker_that_is_stuck(short):
     with pytest.raises(KeyboardInterrupt):
         run(short, "Slow", 1, executor=processes, settings={"seconds": 60}, progress=stop)
     (started,) = processes._context.started
-    begin = time.monotonic()
     processes.close()
     assert ended(started)
-    assert time.monotonic() - begin < 10
+    assert started.exitcode == -signal.SIGKILL  # by force, for it would sleep for a minute
 
 
 def test_without_dask_one_clear_error(short, monkeypatch):
@@ -291,7 +290,7 @@ def test_a_run_that_raised_has_no_heading(short, start_of):
     assert found.summary.spread_deg > 0
     slow = run(short, "Slow", 1, settings={"seconds": 2e-3, "last": 50}).records
     assert slow.status[0] == "raised"
-    assert 2e-3 < slow.step_s[0] < 0.1  # over all 200 epochs it would be a quarter; a busy machine takes longer
+    assert slow.step_s[0] > 2e-3  # over all 200 epochs it would be a quarter
 
 
 def test_a_module_that_cannot_be_imported_says_why(tmp_path, monkeypatch):

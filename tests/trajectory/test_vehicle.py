@@ -62,6 +62,12 @@ def test_a_quiet_car_stands_still():
     assert_allclose(pitch_roll.std(axis=1), 0.5, rtol=4 / np.sqrt(800))
 
 
+def test_a_heading_that_is_not_given_is_drawn_over_the_circle():
+    heading = euler(parked([], runs=400)[1].q_nb)[:, 0] % (2 * np.pi)
+    assert kstest(heading / (2 * np.pi), "uniform").pvalue > 1e-3
+    assert_allclose(euler(parked([], runs=2, heading=5.0)[1].q_nb)[:, 0] % (2 * np.pi), 5.0, atol=0.1)
+
+
 def position(state):
     """ENU metres about the site, from latitude, longitude and height: (..., 3)."""
     R_M, R_N = earth.radii(WGS84, SITE.latitude)

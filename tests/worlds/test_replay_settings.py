@@ -165,3 +165,12 @@ def test_a_recording_is_needed():
             gymnasium.make(REPLAY, recording=bad)
     with pytest.raises(FileNotFoundError, match=r"no recording 'nowhere\.npz'"):
         gymnasium.make(REPLAY, recording="nowhere.npz")
+
+
+def test_the_rate_of_the_fixes_is_the_recordings(driven, tmp_path):
+    """Each fix once more half a second later, at 2 Hz."""
+    assert make(driven).task.gps.rate_hz == pytest.approx(1.0)
+    raw = np.load(driven)
+    twice = {name: np.repeat(raw[name], 2, axis=0) for name in ("gnss_llh_deg_m", "gnss_vel_enu_mps")}
+    twice["gnss_t_imu_s"] = np.add.outer(raw["gnss_t_imu_s"], [0.0, 0.5]).ravel()
+    assert make(files.increments(tmp_path / "twice.npz", **twice)).task.gps.rate_hz == pytest.approx(2.0)

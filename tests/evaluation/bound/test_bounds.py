@@ -400,3 +400,12 @@ def test_the_factor_scales_the_noise_of_a_fix():
         for gps in ({"contamination": 0.2}, {"vel_std_mps": float(std)})
     )
     np.testing.assert_allclose(mixed, plain, rtol=1e-9)
+
+
+def test_the_steady_state_is_the_mean_of_the_variance_from_its_first_epoch():
+    """At one epoch a second the curve has every epoch."""
+    found = bounds.compute(variant(duration=120.0, epoch=1.0, gps={"rate_hz": 1.0}))
+    first, last = found.epochs
+    assert (first, last, len(found.sigma)) == (61, 120, 120)
+    np.testing.assert_allclose(found.steady, np.sqrt(np.square(found.sigma[first - 1 :]).mean(axis=0)), rtol=1e-12)
+    np.testing.assert_allclose(found.final, found.sigma[-1], rtol=1e-12)

@@ -11,6 +11,7 @@ from evaluation.test_monte_carlo import HERE, assert_same, run
 
 from sins_env.evaluation import evaluate
 from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.estimators.guard import Guard
 
 
 @pytest.fixture
@@ -139,3 +140,30 @@ def test_batched_must_be_a_bool(batched):
     message = f"batched is {batched!r}; allowed: True or False"
     with pytest.raises(ValueError, match=re.escape(message)):
         finding.make(HERE + "At", {"batched": batched})
+
+
+class OneBuffer(plugins.DeadReckoning):
+    """Answers with the same arrays, which it fills again."""
+
+    def reset(self, task, rng, num_runs=1):
+        super().reset(task, rng, num_runs)
+        self.answer, self.P = np.empty((num_runs, 4)), np.empty((num_runs, 3, 3))
+
+    def step(self, obs):
+        self.answer[...] = super().step(obs)
+        return self.answer
+
+    def covariance(self):
+        self.P[...] = self.k * np.eye(3)
+        return self.P
+
+
+def test_an_answer_is_the_callers_own(short):
+    """What an estimator does to its arrays later changes nothing that it has answered."""
+    env = short.make(2)
+    obs, _ = short.reset(env, (0, 1))
+    guard = Guard(OneBuffer(), 2)
+    guard.reset(env.unwrapped.task, [None, None])
+    answers = [(guard.step(obs), guard.covariance()) for _ in range(2)]
+    assert (answers[0][0] != answers[1][0]).any()
+    np.testing.assert_array_equal(answers[0][1], np.tile(np.eye(3), (2, 1, 1)))

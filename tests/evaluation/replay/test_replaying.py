@@ -162,6 +162,8 @@ def test_angles_across_north():
     assert_allclose(np.degrees(one.scatter[:, 0, 0]), [-1, 1])
     assert_allclose(np.degrees(one.spread[0]), [np.sqrt(2), np.sqrt(2), 0], atol=1e-12)
     assert_allclose(np.degrees(replaying.mean_angle(angles))[0], [0, 2, 0], atol=1e-12)
+    held = Replay("x", "y", np.zeros(2), np.ones(1), 0.0, angles, angles[::-1], ("", ""))
+    assert_allclose(np.degrees(held.scatter[:, 0, 0]), [-2, 2])
 
 
 def test_failed_windows_do_not_count(still):

@@ -6,10 +6,10 @@ import pytest
 
 from sins_env.evaluation import reproduction
 from sins_env.evaluation.reproduction.claims import CLAIMS
-from sins_env.evaluation.reproduction.paper import Papers, paper
+from sins_env.evaluation.reproduction.paper import Found, Papers, paper
 from sins_env.evaluation.reproduction.running import Made, first_look
 from sins_env.evaluation.reproduction.tables import Outcome
-from sins_env.evaluation.reproduction.verdicts import Estimate, verdicts
+from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, OPEN, REPRODUCED, Estimate, verdicts
 from sins_env.evaluation.store.store import Store
 
 
@@ -117,3 +117,14 @@ def test_an_unknown_line_is_one_clear_error():
         papers.line("3.1", "another prior", "UKF, azimuth")
     with pytest.raises(ValueError, match=r"unknown table '3\.9'"):
         papers.line("3.9", "matched prior", "UKF, azimuth")
+
+
+def test_each_claim_has_a_line_of_its_own():
+    places = [(claim.table, claim.group, claim.line) for claim in CLAIMS]
+    assert len(set(places)) == len(places)
+
+
+def test_what_is_not_reproduced_does_not_hold():
+    """Neither what is in order only, nor what cannot be told."""
+    found = [Found("1", Estimate(1.0, 0.9, 1.1, 40), verdict) for verdict in (REPRODUCED, IN_ORDER, NOT, OPEN)]
+    assert [one.holds for one in found] == [True, False, False, False]

@@ -12,7 +12,7 @@ from sins_env.evaluation.reproduction import get_table
 from sins_env.evaluation.reproduction.documents import lu, sun2012, zhao2010
 from sins_env.evaluation.reproduction.pictures.navigation import Curve, Row, against_setting, rms_over_time
 from sins_env.evaluation.reproduction.readings import common
-from sins_env.evaluation.reproduction.tables import Source
+from sins_env.evaluation.reproduction.tables import Line, Source
 from sins_env.evaluation.reproduction.verdicts import NOT, OPEN, REPRODUCED, Said, verdicts
 from sins_env.evaluation.score.navigation import time_mean
 from sins_env.evaluation.tasks.task import EvaluationTask
@@ -180,3 +180,24 @@ def test_costs_that_may_be_alike_are_not_told_apart():
     found = [common.cost_against(measured(ratio), measured(2.0)) for ratio in (2.1, 2.8, 1.5)]
     assert [one.value for one in found] == [1.05, 1.4, 0.75]
     assert verdicts([longer] * 3, found) == [OPEN, REPRODUCED, NOT]
+
+
+def test_a_line_gets_its_own_runs_first_and_then_those_it_is_held_against():
+    other = Source(short(sun2012.DRAWN), "ekf")
+    line = Line("ckf / ekf", short(sun2012.DRAWN), "ckf", common.ratio_of_armse("position"), against=other)
+    assert [source.solver for source in line.sources] == ["ckf", "ekf"]
+    assert [source.solver for source in dataclasses.replace(line, against=None).sources] == ["ckf"]
+
+
+def test_errors_at_a_time_are_of_its_last_second_or_the_mean_of_so_many():
+    """Errors that grow by one a second: at 100 s, and over the ten seconds 91 to 100."""
+    t = np.arange(1.0, 121.0)
+    records = SimpleNamespace(
+        criteria=SimpleNamespace(history_t=t),
+        history=np.tile(t[:, None], (2, 1, 3)),
+        unfinished=np.array([False, True]),
+    )
+    for over_s, expected in ((0.0, 100.0), (10.0, 95.5), (1.0, 100.0)):
+        found = common.errors_at(SimpleNamespace(records=records), 100.0, over_s)
+        np.testing.assert_allclose(found[0], expected)
+        assert np.isnan(found[1]).all()

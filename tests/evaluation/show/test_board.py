@@ -121,7 +121,7 @@ def test_number(value, text):
 def test_angle_and_seconds():
     assert numbers.angle_text(7200.0) == "7,200"
     assert numbers.angle_text(68400.0) == "19.0°"
-    assert numbers.seconds_text(0.1) == "0.1"
+    assert [numbers.seconds_text(value) for value in (0.1, 9.94, 10.0)] == ["0.1", "9.9", "10"]
     assert numbers.seconds_text(125.36) == "125"
     assert numbers.seconds_interval_text((100.0, math.inf)) == "100–never"
     assert numbers.seconds_interval_text((math.inf, math.inf)) == ""
@@ -241,3 +241,13 @@ def test_names_fold_at_dots_and_colons_only():
     text = terminal_tables.label(one, 1, 24).plain.splitlines()
     assert text == ["AnEstimatorWithALongName", "package.module.with.a.", "long.path"]
     assert terminal_tables.longest_piece(one) == 24
+
+
+def test_a_name_is_folded_where_it_does_not_fit():
+    """Between its parts; one that fills the line is not."""
+    for length, longest in (
+        (terminal_tables.MOST_NAME, terminal_tables.MOST_NAME),
+        (terminal_tables.MOST_NAME + 1, 51),
+    ):
+        one = results(f"{'a' * 50}.{'b' * (length - 51)}", 800)
+        assert terminal_tables.longest_piece(one, fold=False) == longest

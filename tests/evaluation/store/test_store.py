@@ -56,6 +56,18 @@ def test_round_trip(tmp_path, results, key):
     assert not list(tmp_path.glob("*-wal"))  # closed properly, one file remains
 
 
+def test_rows_that_are_there_stay_as_they_are(tmp_path, results, key):
+    records = results.records
+    others = dataclasses.replace(records, final=2 * records.final, history=2 * records.history)
+    with Store(tmp_path / "r.sqlite") as db:
+        db.add(key, records.of_rows(records.criteria, [records.row(0)]))
+        db.add(key, others)
+        found = db.results(key).records
+    for name in ("final", "history"):
+        one, other = getattr(records, name), getattr(others, name)
+        np.testing.assert_array_equal(getattr(found, name), np.concatenate([one[:1], other[1:]]))
+
+
 def test_latest_code_only(tmp_path, results, key):
     with Store(tmp_path / "r.sqlite") as db:
         for code in ("1", "2"):

@@ -1,12 +1,10 @@
 """Rows are made again; what was tampered with, or belongs to another code, world or suite, is told from what is equal."""
 
 import io
-import runpy
 from pathlib import Path
 
 import numpy as np
 import pytest
-from places import ROOT
 
 from sins_env.cli.main import main
 from sins_env.evaluation import evaluate
@@ -18,7 +16,6 @@ from sins_env.evaluation.tasks import catalogue
 from sins_env.evaluation.tasks import task as tasks
 
 PLUGIN = "evaluation.plugins:"
-BENCHMARK = ROOT / "benchmarks" / "board.py"
 SECRET = 271828182845904523536028747135266249775724709
 
 
@@ -209,18 +206,3 @@ def test_suite_hash(capsys, monkeypatch, short):
         with pytest.raises(ValueError, match="allowed: a whole number") as raised:
             tasks.suite_hash(short, seed)
         assert "2718" not in str(raised.value)
-
-
-# ---- size ----
-
-
-def test_board_of_200_000_rows(capsys):
-    """40 solvers on 5 tasks, 1000 runs each; below 2 s on a quiet machine, five times that is allowed here."""
-    benchmark = runpy.run_path(str(BENCHMARK))
-    benchmark["make_file"](Path("large.sqlite"))
-    text, wall, cpu = benchmark["time_board"](Path("large.sqlite"))
-    with capsys.disabled():
-        print(f" [board of 200,000 rows: {wall:.2f} s, of a core {cpu:.2f} s]", end="")
-    assert text.count("of 1000") == 200
-    assert all(name in text for name in benchmark["TASKS"])
-    assert wall < 5 * 2.0

@@ -150,12 +150,12 @@ def test_fixes(tmp_path):
     assert_array_equal(found.lever_arm, [2, 1, -3])
 
 
-def reference(tmp_path, columns, unit=None, frame=None):
+def reference(tmp_path, columns, unit=None, frame=None, **changes):
     table(tmp_path / "ref.csv", np.column_stack([T, columns]), ["t", *"abcd"[: columns.shape[1]]])
     attitude = {"columns": list("abcd"[: columns.shape[1]])}
     attitude |= {key: value for key, value in (("unit", unit), ("frame", frame)) if value}
     spec = {"file": "ref.csv", "time": {"column": "t"}, "attitude": attitude}
-    q = load(write(tmp_path, reference=spec)).reference.q_nb
+    q = load(write(tmp_path, reference=spec, **changes)).reference.q_nb
     return Rotation.from_quat(q, scalar_first=True).as_matrix()
 
 
@@ -168,6 +168,14 @@ def test_attitudes_against_scipy(tmp_path):
     assert_allclose(reference(tmp_path, C.as_quat(scalar_first=True), frame="NED"), expected, atol=1e-14)
     turned = Rotation.from_matrix(made.SWAP @ C.as_matrix())
     assert_allclose(reference(tmp_path, turned.as_quat(scalar_first=True), frame="ENU"), expected, atol=1e-14)
+
+
+def test_a_quaternion_is_of_the_axes_of_the_file(tmp_path):
+    """Backward, right, up: a matrix that is not its own inverse, as those of Forward-Right-Down are."""
+    C = Rotation.from_euler("ZYX", ANGLES, degrees=True)
+    found = reference(tmp_path, C.as_quat(scalar_first=True), frame="ENU", axes="BRU")
+    back, right, up = np.moveaxis(C.as_matrix(), -1, 0)  # axes of the body in East-North-Up
+    assert_allclose(found, np.stack([right, -back, up], axis=-1), atol=1e-14)
 
 
 def cell(row, column, text):
