@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from oracles import made
@@ -92,6 +92,7 @@ def test_irregular_stamps_are_refused_until_resampling_is_asked_for():
 
 
 @settings(max_examples=60, deadline=None)
+@example(279.998046875, 40, 0, True)
 @given(st.floats(20.0, 500.0), st.integers(40, 400), st.integers(0, 2**32 - 1), st.booleans())
 def test_gaps_and_extent_of_what_is_resampled(hz, count, seed, gap):
     """New samples are missing where they touch a gap and nowhere else; they end where the last whole one fits."""
@@ -103,7 +104,10 @@ def test_gaps_and_extent_of_what_is_resampled(hz, count, seed, gap):
     begins = ends - 1 / hz
     missing = np.isnan(found.dtheta[:, 0])
     inside = (ends > 0.15 + 2e-6) & (begins < 0.20 - 2e-6) if gap else np.zeros(len(ends), dtype=bool)
-    assert_array_equal(missing, inside)
+    told = (
+        np.abs(np.stack([ends - 0.15, begins - 0.20])).min(axis=0) > 2e-6
+    )  # nearer than that is rounding: either is right
+    assert_array_equal(missing[told], inside[told])
     assert found.t0 == pytest.approx(0.0)
     assert (count / 100.0 - found.t0) * hz - len(found.dtheta) < 1 + 1e-5
 
