@@ -132,7 +132,7 @@ class Sway:
         self._speed = np.concatenate(speeds, axis=-1)
         self._phase = np.concatenate(phases, axis=-1)  # (runs, J)
         self._coefficients = self._expand()
-        state, _ = self._states(np.zeros(1))
+        state, _ = self.states(np.zeros(1))
         return NavState(*(part[:, 0] for part in state))
 
     def chunk(self, first_epoch: int, num_epochs: int) -> Motion:
@@ -149,7 +149,7 @@ class Sway:
             for begin in range(0, len(dtheta), size):
                 runs = slice(begin, begin + size)
                 dtheta[runs], dvel[runs] = self._increments(runs, edges)
-        state, rate = self._states(
+        state, rate = self.states(
             np.arange(first_epoch + 1, first_epoch + num_epochs + 1, dtype=np.float64) * self.epoch_s
         )
         return Motion(dtheta.reshape(shape), dvel.reshape(shape), state, rate)
@@ -216,7 +216,7 @@ class Sway:
         argument = omega * t[..., None] + phase
         return amplitude * np.cos(argument), -amplitude * omega * np.sin(argument)
 
-    def _states(self, t: Array) -> tuple[NavState, Array]:
+    def states(self, t: Array) -> tuple[NavState, Array]:
         """Return the true states (runs, len(t), ...) and omega_eb^b."""
         runs = len(self._heading)
         angles, rates = self._angles(t)

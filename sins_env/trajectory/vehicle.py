@@ -82,7 +82,7 @@ class Vehicle:
         self._carry = self._turn @ self._transport @ self._turn.mT
         self._heading = heading
         self._modes.drive([self._inputs(*one) for one in zip(events or ["quiet"] * len(rngs), rngs, strict=True)])
-        state, _ = self._states(np.zeros(1))
+        state, _ = self.states(np.zeros(1))
         return NavState(*(part[:, 0] for part in state))
 
     def _inputs(self, events: str | Sequence[Event], rng: np.random.Generator) -> list[Input]:
@@ -104,7 +104,7 @@ class Vehicle:
             increments[:, rows] = both.transpose(0, 2, 3, 1)
         ends = np.arange(first_epoch + 1, first_epoch + num_epochs + 1, dtype=np.float64) * self.epoch_s
         dtheta, dvel = increments.reshape(2, runs, num_epochs, self.n_sub, 3)
-        return Motion(dtheta, dvel, *self._states(ends))
+        return Motion(dtheta, dvel, *self.states(ends))
 
     def _instants(self, t: Array, rows: slice = slice(None)) -> _Instants:
         q = self._modes.response(t, rows)
@@ -130,7 +130,7 @@ class Vehicle:
         np.add(_turned(at.C, force), swinging, out=out[1])
         return out
 
-    def _states(self, t: Array) -> tuple[NavState, Array]:
+    def states(self, t: Array) -> tuple[NavState, Array]:
         """Return the true states (runs, len(t), ...) and omega_eb^b."""
         at = self._instants(t)
         rest = attitude.to_dcm(attitude.from_euler(np.zeros(len(self._parked)), *self._parked.T)) @ self._lever[:, 0, 0]

@@ -65,9 +65,10 @@ class Integration(ABC):
         self._phi, self._fed = states["phi"], states.span(*self._errors.fed)
         self._Q, self._aid = self._errors.noise(task.prior), self.aid(task, states)
         self._coarse: coarse_methods.Coarse | None = None
-        self._ins: StrapdownState | None = None
-        self._bias: tuple[Array, Array] | None = None  # gyro and accelerometer biases fed back so far, per increment
-        self._belief: Any = None
+        self.ins: StrapdownState | None = None  #: state of the INS; None before the fine phase
+        #: Biases of gyro and accelerometer that have been fed back so far, per increment; None if there are none.
+        self.bias: tuple[Array, Array] | None = None
+        self.belief: Any = None  #: belief of the filter; None before the fine phase
         invariant = self.settings.coordinates == "invariant"
         self._coordinates = Invariant(self._earth, pos, states) if invariant else Euler()
 
@@ -95,21 +96,21 @@ class Integration(ABC):
         The shape is (..., 3, 3) or (..., 9, 9). Before the fine phase it is the told one.
         """
         told, reported = self.task.prior.P0, answered(self.navigates)
-        if self._belief is None:
+        if self.belief is None:
             places = ERRORS.places(reported)
             return np.broadcast_to(told[np.ix_(places, places)], (*self._batch, reported.size, reported.size)).copy()
-        assert self._ins is not None
-        x, P = self._coordinates.gaussian(self.filter.estimate(self._belief), self._ins.nav)
+        assert self.ins is not None
+        x, P = self._coordinates.gaussian(self.filter.estimate(self.belief), self.ins.nav)
         here = self._errors.states.span(*reported.names)
         return reset.corrected_covariance(x[..., self._phi], P[..., here, here])
 
     def health(self) -> Health | None:
         """Return repairs and failures of each run so far; None in the coarse phase."""
-        return None if self._belief is None else self._belief.health
+        return None if self.belief is None else self.belief.health
 
     def diagnostics(self) -> dict[str, Array]:
         """Return what the filter knows beside its estimate, by name; nothing in the coarse phase."""
-        return {} if self._belief is None else self.filter.diagnostics(self._belief)
+        return {} if self.belief is None else self.filter.diagnostics(self.belief)
 
     @abstractmethod
     def answer(self, nav: NavState) -> Array:
@@ -125,21 +126,21 @@ class Integration(ABC):
 
     def _start_fine(self, nav: NavState) -> None:
         self._coarse = None
-        self._ins = self._strapdown.start(nav)
+        self.ins = self._strapdown.start(nav)
         prior = self._coordinates.prior(self._errors.prior(self.task.prior, self._batch), nav)
-        self._belief = self.filter.init(prior, self._rng)
+        self.belief = self.filter.init(prior, self._rng)
 
     def _fine(self, obs: Observation) -> NavState:
-        assert self._ins is not None
-        before = self._ins.nav
-        self._ins, motion = self._strapdown.advance(self._ins, *self._increments(obs))
-        ins, measurement = self._aid.read(obs, self._ins.nav)
-        self._ins = self._ins._replace(nav=ins)
+        assert self.ins is not None
+        before = self.ins.nav
+        self.ins, motion = self._strapdown.advance(self.ins, *self._increments(obs))
+        ins, measurement = self._aid.read(obs, self.ins.nav)
+        self.ins = self.ins._replace(nav=ins)
         transition = self._coordinates.transition(self._errors.transition(motion, self._Q), before, ins)
         if measurement is not None:
             measurement = self._coordinates.measurement(measurement, ins)
-        self._belief, _ = self.filter.step(self._belief, transition, measurement)
-        x = self._coordinates.errors(self.filter.estimate(self._belief).mean, ins)
+        self.belief, _ = self.filter.step(self.belief, transition, measurement)
+        x = self._coordinates.errors(self.filter.estimate(self.belief).mean, ins)
         nav = self._errors.corrected(self._earth, ins, x)
         if self.settings.feedback == "closed" and measurement is not None:
             self._feed_back(nav, x)
@@ -147,21 +148,21 @@ class Integration(ABC):
 
     def _increments(self, obs: Observation) -> tuple[Array, Array]:
         """Return the increments of the epoch without the biases fed back so far."""
-        if self._bias is None:
+        if self.bias is None:
             return obs["dtheta"], obs["dvel"]
-        gyro, accel = self._bias
+        gyro, accel = self.bias
         return obs["dtheta"] - gyro[..., None, :], obs["dvel"] - accel[..., None, :]
 
     def _feed_back(self, nav: NavState, x: Array) -> None:
-        assert self._ins is not None
-        before, self._ins = self._ins.nav, self._ins._replace(nav=nav)
+        assert self.ins is not None
+        before, self.ins = self.ins.nav, self.ins._replace(nav=nav)
         biases = self._errors.biases(x)
         if biases is not None:
             per_sample = self.task.epoch_s / self.task.n_sub
-            so_far = self._bias or (0.0, 0.0)
-            self._bias = so_far[0] + per_sample * biases[0], so_far[1] + per_sample * biases[1]
+            so_far = self.bias or (0.0, 0.0)
+            self.bias = so_far[0] + per_sample * biases[0], so_far[1] + per_sample * biases[1]
         maps = reset.reset_maps(x, self._phi, self._fed)
-        self._belief = self.filter.relocate(self._belief, *self._coordinates.reset(maps, before, nav))
+        self.belief = self.filter.relocate(self.belief, *self._coordinates.reset(maps, before, nav))
 
 
 def refuse_navigation(task: Task, what: str) -> None:

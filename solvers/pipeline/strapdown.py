@@ -71,7 +71,8 @@ def _coupling(samples: int) -> Array:
     return kappa
 
 
-_COUPLING = {samples: _coupling(samples) for samples in CONING}
+#: Coefficients of sculling by the number of samples in an interval.
+COUPLING = {samples: _coupling(samples) for samples in CONING}
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
 
 
@@ -104,7 +105,7 @@ def interval_increments(dtheta: Array, dvel: Array, last: Array | None) -> tuple
     else:
         total = groups.sum(axis=1)
     flat = groups.reshape(2, 3, groups.shape[1], -1)
-    mixed = np.matmul(_COUPLING[samples], flat)
+    mixed = np.matmul(COUPLING[samples], flat)
     theta, vel = total.reshape(2, 3, -1)
     # dtheta_i x kappa_ij dtheta_j and dtheta_i x kappa_ij dvel_j, summed over the samples
     coning, sculling = np.add.reduce(

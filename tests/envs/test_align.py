@@ -3,12 +3,17 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from numpy.testing import assert_allclose, assert_array_equal
-from oracles.courses import IDENTITY, ONE_SECOND_UNKNOWN, STATIC, SWAY, actions_of, make, play, vector
+from oracles.courses import IDENTITY, ONE_SECOND_UNKNOWN, STATIC, SWAY, actions_of, make, play, truths, vector
 
 from sins_env import attitude
 from sins_env.envs import register
 from sins_env.envs.rendering import sensor_floor
 from sins_env.specs import IMU_PRESETS
+
+
+def attitudes(env_id=SWAY, *, seed):
+    """True attitudes from the start to the end of the last epoch."""
+    return [truth["q_nb"] for truth in truths(make(env_id, reveal_truth=True), IDENTITY, 25, seed)]
 
 
 @pytest.mark.parametrize("env_id", [SWAY, STATIC])
@@ -93,11 +98,10 @@ def test_actions_of_the_wrong_shape(shape):
 
 @pytest.mark.parametrize("env_id", [SWAY, STATIC])
 def test_the_truth_scores_full_marks(env_id):
+    previous, *others = attitudes(env_id, seed=2)
     env = make(env_id, reveal_truth=True)
-    _, info = env.reset(seed=2)
-    previous = info["truth"]["q_nb"]
-    for _ in range(25):
-        truth = env.episode._truth.q_nb[0]
+    env.reset(seed=2)
+    for truth in others:
         _, reward, _, _, info = env.step(truth)
         assert -1e-6 < reward <= 0
         assert np.abs(info["errors"]["phi"]).max() < 1e-7
@@ -111,7 +115,7 @@ def test_errors_and_reward_of_a_known_misalignment():
     env = make(reveal_truth=True)
     env.reset(seed=2)
     phi = np.radians([2.0, -1.0, 30.0])
-    computed = attitude.multiply(attitude.misalignment_quaternion(phi), env.episode._truth.q_nb[0])
+    computed = attitude.multiply(attitude.misalignment_quaternion(phi), attitudes(seed=2)[1])
     _, reward, _, _, info = env.step(computed)
     assert_allclose(info["errors"]["phi"], phi, atol=1e-14)
     trace = np.trace(attitude.misalignment_dcm(phi))
@@ -169,7 +173,7 @@ def test_render():
     assert first.shape == (480, 960, 3)
     for _ in range(5):
         env.step(np.full(4, np.nan))
-    env.step(env.episode._truth.q_nb[0])
+    env.step(attitudes(seed=0)[6])
     second = env.render()
     assert second.std() > 10
     assert np.any(first != second)

@@ -85,9 +85,11 @@ def test_memory_of_long_epochs():
 @pytest.mark.parametrize(("n_sub", "epochs"), [(1, 300), (7, 42), (30, 10), (300, 1), (301, 1)])
 def test_a_chunk_is_a_number_of_samples(n_sub, epochs):
     world = make(n_sub=n_sub, duration=60.0).episode.world
+    asked, chunk = [], world.trajectory.chunk
+    world.trajectory.chunk = lambda first, count: (asked.append((first, count)), chunk(first, count))[1]
     world.reset([np.random.default_rng(0)], {})
     world.epoch(1)
-    assert world._end == epochs
+    assert asked == [(0, epochs)]
 
 
 def test_a_list_of_seeds_is_taken_as_it_is():

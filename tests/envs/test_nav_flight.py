@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from numpy.testing import assert_allclose, assert_array_equal
-from oracles.courses import actions_of, leaves, play
+from oracles.courses import actions_of, leaves, play, truths
 
 import solvers
 from sins_env import attitude, earth
@@ -189,13 +189,14 @@ def test_observations_are_in_their_space_and_fresh():
 
 
 def test_the_truth_scores_full_marks_in_flight():
-    env = make(profile="lu-gauss", reveal_truth=True)
+    settings = {"profile": "lu-gauss", "reveal_truth": True}
+    _, *states = truths(make(**settings), flights(1, 1)[0, 0], 25, seed=1)
+    env = make(**settings)
     env.reset(seed=1)
-    for _ in range(25):
-        truth = env.episode._truth
-        _, reward, _, _, info = env.step(np.concatenate([part[0] for part in truth]))
+    for truth in states:
+        _, reward, _, _, info = env.step(np.concatenate([truth[part] for part in ("q_nb", "vel", "pos")]))
         assert reward > -1e-6
-        assert_array_equal(info["truth"]["vel"], truth.vel[0])
+        assert_array_equal(info["truth"]["vel"], truth["vel"])
         assert all(np.abs(part).max() < 1e-7 for part in info["errors"].values())
 
 
@@ -216,10 +217,10 @@ def gps_errors(duration=30.0, runs=200, **settings):
     action = np.tile([1.0, *[0.0] * 9], (runs, 1))
     out = []
     for _ in range(round(duration / 0.1)):
-        truth = env.unwrapped.episode._truth
-        error = np.concatenate([obs["gps_vel"] - truth.vel, earth.offset(WGS84, truth.pos, obs["gps_pos"])], axis=1)
-        out.append(np.where(obs["gps_valid"] == 1, error, np.nan))
-        obs = env.step(action)[0]
+        (fix, (obs, *_, info)) = obs, env.step(action)
+        vel, pos = info["truth"]["vel"], info["truth"]["pos"]
+        error = np.concatenate([fix["gps_vel"] - vel, earth.offset(WGS84, pos, fix["gps_pos"])], axis=1)
+        out.append(np.where(fix["gps_valid"] == 1, error, np.nan))
     return np.stack(out, axis=1)
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import multiprocessing
 import os
 import re
 import signal
@@ -191,7 +192,8 @@ def test_workers_can_be_shared(short, healthy):
     with Processes(2) as pool:
         for _ in range(2):
             assert_same(run(short, "DeadReckoning", chunk=3, executor=pool).records, healthy)
-        pids = list(pool._pool._processes)
+        pids = [process.pid for process in multiprocessing.active_children()]
+        assert len(pids) == 2
         status = [Path(f"/proc/{pid}/status") for pid in pids]
         for text in [path.read_text() for path in status if path.exists()]:  # from birth on they hear no Ctrl-C
             blocked = int(text.split("SigBlk:")[1].split()[0], 16)
@@ -241,7 +243,7 @@ def ended(process, within=5.0):
 def test_close_ends_every_worker(short):
     processes = Processes(2)
     run(short, "DeadReckoning", 4, chunk=1, executor=processes)
-    started = list(processes._context.started)
+    started = multiprocessing.active_children()
     assert len(started) == 2
     assert all(process.is_alive() for process in started)
     processes.close()
@@ -252,12 +254,12 @@ def test_close_ends_a_worker_that_is_stuck(short):
     processes = Processes(1)
 
     def stop(done, total):
-        if processes._context.started:
+        if multiprocessing.active_children():
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         run(short, "Slow", 1, executor=processes, settings={"seconds": 60}, progress=stop)
-    (started,) = processes._context.started
+    (started,) = multiprocessing.active_children()
     processes.close()
     assert ended(started)
     assert started.exitcode == -signal.SIGKILL  # by force, for it would sleep for a minute

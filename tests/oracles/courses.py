@@ -34,6 +34,11 @@ def play(env, actions, seed):
     return course
 
 
+def truths(env, action, steps, seed):
+    """The true states at the ends of the first epochs, and before them that at the start; no action changes them."""
+    return [info["truth"] for *_, info in play(env, [action] * steps, seed)]
+
+
 def leaves(nest, path=()):
     """(path, value) of a nest of dicts without its masks."""
     for key, value in nest.items():

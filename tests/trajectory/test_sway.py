@@ -113,7 +113,7 @@ def rates_by_differences(options, t, runs=2):
     sway, _ = make(runs=runs, **options)
     model = earth.get(options.get("earth_model", "wgs84"))
     latitude = options.get("latitude_deg", 39.96) * DEG
-    at = {k: sway._states(t + k * h)[0] for k in range(-3, 4)}
+    at = {k: sway.states(t + k * h)[0] for k in range(-3, 4)}
     middle = at[0]
     shape = middle.vel.shape
 
@@ -149,7 +149,7 @@ def test_increments_are_integrals_of_the_differentiated_motion(options):
 def test_velocity_is_the_derivative_of_position():
     sway, _ = make(runs=3, heading_deg=None)
     t, h = np.linspace(1.0, 5.0, 9), 1e-3
-    before, after, state = (sway._states(t + s * h)[0] for s in (-1, 1, 0))
+    before, after, state = (sway.states(t + s * h)[0] for s in (-1, 1, 0))
     R_M, R_N = earth.radii(WGS84, SITE.latitude)
     d = (after.pos - before.pos) / (2 * h) * [R_M, R_N * np.cos(SITE.latitude), 1.0]
     assert_allclose(d[..., [1, 0, 2]], state.vel, atol=2e-6)
@@ -172,10 +172,15 @@ def test_vibration_does_not_alias(n_sub):
     motion, still = sway.chunk(0, 10), quiet.chunk(0, 10)
     per_sample = 6000 // n_sub
     t = np.linspace(0.0, 0.1, 6001)
-    state, _ = sway._states(t)
-    omega, speed, phase = sway._omega[3:], sway._speed[3:], sway._phase[0, 3:]
-    assert_allclose(omega, 2 * np.pi * np.array([300.0, 250.0, 400.0]))
-    assert_allclose(speed * omega / 9.80665, [4.8, 3.8, 4.0])
+    state, _ = sway.states(t)
+    omega = 2 * np.pi * np.array([300.0, 250.0, 400.0])
+    speed = 9.80665 * np.array([4.8, 3.8, 4.0]) / omega
+    phase = np.empty(3)
+    for axis in range(3):  # v cos p at the start, -v sin p a quarter of a period later
+        both = [one.states(np.array([0.0, np.pi / 2 / omega[axis]]))[0].vel[0, :, axis] for one in (sway, quiet)]
+        begin, later = both[0] - both[1]
+        assert np.hypot(begin, later) == pytest.approx(speed[axis], rel=1e-9)
+        phase[axis] = np.arctan2(-later, begin)
     accel = -omega * speed * np.sin(omega * t[:, None] + phase)
     C = attitude.to_dcm(state.q_nb[0])
     spin = earth.rate_n(WGS84, SITE.latitude)
@@ -226,7 +231,11 @@ def test_memory_is_that_of_a_chunk(options):
 
 
 def test_options_leave_the_other_draws_as_they_were():
-    plain, other = make()[1], make(vibration=True, heading_deg=None)[0]
-    assert_array_equal(other._phase[:, :3], make()[0]._phase)
-    assert plain.vel.shape == (2, 3)
+    t = np.linspace(0.0, 5.0, 20)
+    plain, turned, shaken = (
+        make(**options)[0].states(t)[0] for options in ({}, {"heading_deg": None}, {"vibration": True})
+    )
+    assert_array_equal(turned.vel, plain.vel)
+    away = 6.4e6 * np.abs(shaken.pos - plain.pos)[..., :2].max()
+    assert 0 < away < 2e-4  # m, of vibration; other phases of the sway would be centimetres
     assert THESIS.sway_m == (0.02, 0.03, 0.03)

@@ -87,7 +87,7 @@ def test_increments_are_integrals_of_the_differentiated_attitude_and_position():
     vehicle, _ = parked(BUSY, runs=2, heading=2.0, seed=4)
     h, weights = 1e-3, {1: 45 / 60, 2: -9 / 60, 3: 1 / 60}
     t = 5.0 + np.arange(401) * 2.5e-4  # ten samples while it is rocked and a door opens
-    at = {k: vehicle._states(t + k * h)[0] for k in range(-3, 4)}
+    at = {k: vehicle.states(t + k * h)[0] for k in range(-3, 4)}
 
     def dcm(k):
         return Rotation.from_quat(at[k].q_nb.reshape(-1, 4), scalar_first=True)

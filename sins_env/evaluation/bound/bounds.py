@@ -52,7 +52,7 @@ class Bound:
         return self.epochs.tolist() == [criteria.steady_from, criteria.num_epochs]
 
 
-_known: dict[str, Bound | None] = {}  #: bounds that this process has found already, by identity of the task
+known: dict[str, Bound | None] = {}  #: bounds that this process has found already, by identity of the task
 
 
 def find(task: EvaluationTask) -> Bound | None:
@@ -61,9 +61,9 @@ def find(task: EvaluationTask) -> Bound | None:
     It is None if :func:`compute` gives None.
     """
     identity = json.dumps([task.name, task.env_id, dict(task.kwargs), task.suite_seed, task.windows], sort_keys=True)
-    if identity not in _known:
-        _known[identity] = None if task.windows else _cached(task, identity)
-    return _known[identity]
+    if identity not in known:
+        known[identity] = None if task.windows else _cached(task, identity)
+    return known[identity]
 
 
 def _cached(task: EvaluationTask, identity: str) -> Bound | None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from datetime import timedelta
 from types import TracebackType
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, ProgressColumn, Task
 from rich.table import Column
 from rich.text import Text
@@ -53,7 +53,13 @@ class Bar:
     It takes one line at any width: first the bar shrinks, then elapsed time and note are left out, and then the label is cut.
     """
 
-    def __init__(self, label: str, total: float | None = None, console: Console | None = None) -> None:
+    def __init__(
+        self,
+        label: str,
+        total: float | None = None,
+        console: Console | None = None,
+        clock: Callable[[], float] | None = None,
+    ) -> None:
         console = console or Console(file=sys.stderr)
         room = console.width - 1 - BAR_LEAST - PERCENT - RATE - LEFT
         free = room - min(len(label), room)
@@ -69,8 +75,12 @@ class Bar:
             _Cell(_left, "cyan"),
             *([_Cell(lambda task: task.fields["note"])] if note else []),
         ]
-        self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        hidden = not console.is_terminal
+        self._progress = Progress(*columns, console=console, transient=True, disable=hidden, get_time=clock)
         self._task = self._progress.add_task(label, total=total, note="")
+
+    def __rich__(self) -> RenderableType:
+        return self._progress.get_renderable()
 
     def __enter__(self) -> Bar:
         self._progress.start()

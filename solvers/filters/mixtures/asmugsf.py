@@ -116,7 +116,7 @@ class ASMUGSF(GaussianFilter[Adaptive]):
 
     def correct(self, b: Adaptive, me: Measurement) -> tuple[Adaptive, Innovation]:
         prior = Gaussian(b.mean, b.cov)
-        v = math.sqrt(self.omega) * self._direction(b, me) if self.components > 1 else np.zeros(b.mean.shape)
+        v = math.sqrt(self.omega) * self.direction(b, me) if self.components > 1 else np.zeros(b.mean.shape)
         components = split(prior, v, self.components)
         equal = np.full(b.weights.shape, 1.0 / self.components)
         me = spread_measurement(me, b.mean.ndim - 1)
@@ -130,7 +130,7 @@ class ASMUGSF(GaussianFilter[Adaptive]):
     def diagnostics(self, b: Adaptive) -> dict[str, Array]:
         return {"q_factor": b.factor, "effective_components": effective(b.weights)}
 
-    def _direction(self, b: Adaptive, me: Measurement) -> Array:
+    def direction(self, b: Adaptive, me: Measurement) -> Array:
         """Return v (..., n), the noise that moves the innovation most, with v v' <= P."""
         y, _ = moments(me.h, Gaussian(b.mean, b.cov), self.rule)
         _, H = tangent(me.h, b.mean, standard_deviations(b.cov))

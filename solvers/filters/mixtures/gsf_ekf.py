@@ -94,9 +94,9 @@ class GSFEKF(MixtureFilter[Bank]):
     def step(self, b: Bank, tr: Transition, me: Measurement | None) -> tuple[Bank, Innovation | None]:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             if b.health.epoch == 0:
-                b = self._cut(b, tr.f)
+                b = self.cut(b, tr.f)
             after, innovation = super().step(b, tr, me)
-            return self._tidy(after), innovation
+            return self.tidy(after), innovation
 
     def estimate(self, b: Bank) -> Gaussian:
         """Return mean (..., n) and covariance (..., n, n) about the best component, or that component alone."""
@@ -110,7 +110,7 @@ class GSFEKF(MixtureFilter[Bank]):
     def diagnostics(self, b: Bank) -> dict[str, Array]:
         return {**super().diagnostics(b), "components": (b.weights > 0.0).sum(axis=-1).astype(float)}
 
-    def _cut(self, b: Bank, f: Function) -> Bank:
+    def cut(self, b: Bank, f: Function) -> Bank:
         """Cut the first component into slices along the angle."""
         x, P = b.mean[..., 0, :], b.cov[..., 0, :, :]
         axis = least_known_angle(f, x, P) if self.axis is None else np.full(x.shape[:-1], self.axis)
@@ -130,7 +130,7 @@ class GSFEKF(MixtureFilter[Bank]):
         cov = np.repeat(cov[..., None, :, :], weights.shape[-1], axis=-3)
         return b._replace(weights=weights, mean=mean, cov=cov, axis=np.where(cut, axis, -1))
 
-    def _tidy(self, b: Bank) -> Bank:
+    def tidy(self, b: Bank) -> Bank:
         """Drop slices of little weight, and merge those that agree with the best one; G may shrink."""
         if b.weights.shape[-1] == 1:
             return b

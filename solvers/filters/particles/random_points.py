@@ -163,12 +163,12 @@ def started_halton(u: Array, count: int) -> Array:
         size = len(mirrored)
         lead, behind = np.divmod(u[..., i] * size, 1.0)
         place = mirrored[lead.astype(np.int64)][..., None] + j
-        carried = np.where(place < size, behind[..., None], _kakutani(behind, p)[..., None])
+        carried = np.where(place < size, behind[..., None], kakutani(behind, p)[..., None])
         out[..., i] = (mirrored[place % size] + carried) / size
     return out
 
 
-def _kakutani(u: Array, p: int) -> Array:
+def kakutani(u: Array, p: int) -> Array:
     """Return the next point of the sequence, u + (p + 1 - p^k) / p^k with k = floor(-ln(1 - u) / ln p) + 1."""
     k = np.floor(-np.log1p(-u) / np.log(p)) + 1.0
     return np.clip(u + (p + 1.0) * p**-k - 1.0, 0.0, 1.0 - 2.0**-BITS)

@@ -32,7 +32,7 @@ TASK = get_task("sway-white-v0")
 def computed(monkeypatch, tmp_path):
     """An empty cache; the list of what was computed."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(bounds, "_known", {})
+    monkeypatch.setattr(bounds, "known", {})
     done = []
     compute = bounds.compute
     monkeypatch.setattr(bounds, "compute", lambda task: done.append(task.name) or compute(task))
@@ -40,7 +40,7 @@ def computed(monkeypatch, tmp_path):
 
 
 def another_process(monkeypatch):
-    monkeypatch.setattr(bounds, "_known", {})
+    monkeypatch.setattr(bounds, "known", {})
 
 
 def same(a, b):

@@ -13,15 +13,12 @@ LABEL = "filterpy_ukf on sway-told-wrong-v0 (3/4)"
 def shown(width, label=LABEL, updates=((1000.0, 36000.0), (2400.0, 36000.0), (36000.0 / 2, 36000.0)), note=""):
     """Lines of the display, after these updates ten seconds apart."""
     console = Console(file=io.StringIO(), width=width, force_terminal=True, color_system=None)
-    bar = Bar(label, console=console)
     now = [0.0]  # moves by hand
-    (task,) = bar._progress.tasks
-    bar._progress.get_time = task._get_time = lambda: now[0]
-    task.start_time = 0.0
+    bar = Bar(label, console=console, clock=lambda: now[0])
     for done, total in updates:
         now[0] += 10.0
         bar.update(done, total, note)
-    console.print(bar._progress.get_renderable())
+    console.print(bar)
     return [line.rstrip() for line in console.file.getvalue().splitlines()]
 
 

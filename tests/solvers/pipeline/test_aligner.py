@@ -43,7 +43,7 @@ def test_invariant_filter_aligns_as_well():
     nees = np.sum(phi[-1] * np.linalg.solve(P, phi[-1][..., None])[..., 0], axis=-1).mean() / 3
     low, high = stats.chi2.ppf([0.0005, 0.9995], 48) / 48
     assert low < nees < 1.33 * high  # 1.33 is what a prototype of this filter had at 60 s
-    assert np.abs(estimator.running.filter.estimate(estimator.running._belief).mean).max() < 1e-9
+    assert np.abs(estimator.running.filter.estimate(estimator.running.belief).mean).max() < 1e-9
 
 
 @pytest.mark.parametrize("solver", ["ekf", "ckf"])
@@ -53,7 +53,7 @@ def test_closed_loop_agrees_with_open_loop(solver):
     closed, estimator = run(solver, 8, duration=120.0, settings={"feedback": "closed"}, **AT_5_HZ)
     assert np.abs(closed[-1, :, 2] - open_loop[-1, :, 2]).max() < 250 * ARCSEC
     assert np.abs(closed[-1, :, :2] - open_loop[-1, :, :2]).max() < 1 * ARCSEC
-    assert np.abs(estimator.filter.estimate(estimator.running._belief).mean[:, :5]).max() < 1e-12  # the INS has it all
+    assert np.abs(estimator.filter.estimate(estimator.running.belief).mean[:, :5]).max() < 1e-12  # the INS has it all
 
 
 @pytest.mark.parametrize("kwargs", [{}, {"start": "unknown", "coarse": 20.0}, {"imu": "thesis-markov"}])
@@ -153,7 +153,7 @@ def test_the_ins_starts_with_the_velocity_of_the_imu_not_of_the_antenna():
     estimator.reset(env.unwrapped.task, None, 4)
     for _ in range(610):
         obs, _, _, _, info = env.step(estimator.step(obs))
-    apart = estimator.running._ins.nav.vel - info["truth"]["vel"]
+    apart = estimator.running.ins.nav.vel - info["truth"]["vel"]
     assert np.abs(apart).max() < 0.1  # five metres from the centre the antenna moves at up to 1.5 m/s
 
 
@@ -204,7 +204,7 @@ def test_a_run_with_a_broken_sensor_fails_alone():
 
 def test_vertical_velocity_of_the_ins_stays_with_the_fixes():
     _, estimator = run("ckf", 4, duration=120.0, misalignment_deg=(3.0, -3.0, 20.0))
-    assert np.abs(estimator.running._ins.nav.vel[:, 2]).max() < 0.2
+    assert np.abs(estimator.running.ins.nav.vel[:, 2]).max() < 0.2
 
 
 @pytest.mark.parametrize(

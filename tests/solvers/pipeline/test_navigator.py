@@ -77,18 +77,18 @@ def test_closed_loop_agrees_with_open_loop(solver):
     assert (np.abs(closed[-1] - opened[-1]) / sigma).max() < 0.05
     np.testing.assert_allclose(open_estimator.covariance(), estimator.covariance(), rtol=0.05, atol=1e-6)
     running = estimator.running
-    assert np.abs(running.filter.estimate(running._belief).mean).max() < 1e-9  # the INS has it all, biases too
+    assert np.abs(running.filter.estimate(running.belief).mean).max() < 1e-9  # the INS has it all, biases too
 
 
 def test_biases_go_into_the_increments():
     """The navigator's sum of the biases that it has fed back is the open loop's estimate of them."""
     _, closed = fly("ekf", 4)
     _, opened = fly("ekf", 4, settings={"feedback": "open"})
-    x = opened.filter.estimate(opened.running._belief).mean
+    x = opened.filter.estimate(opened.running.belief).mean
     gyro, accel = opened.running.errors.biases(x)
     dt = 0.1
-    np.testing.assert_allclose(closed.running._bias[0] / dt, gyro, atol=0.03 * np.abs(gyro).max())
-    np.testing.assert_allclose(closed.running._bias[1] / dt, accel, atol=0.03 * np.abs(accel).max())
+    np.testing.assert_allclose(closed.running.bias[0] / dt, gyro, atol=0.03 * np.abs(gyro).max())
+    np.testing.assert_allclose(closed.running.bias[1] / dt, accel, atol=0.03 * np.abs(accel).max())
     assert np.abs(gyro).max() > 0.0
 
 
@@ -209,7 +209,7 @@ def test_the_bank_finds_the_heading_among_fifteen_states():
     for coordinates in ("euler", "invariant"):
         settings = {"coordinates": coordinates}
         _, estimator = fly("gsf_ekf", 2, profile="hotstart60", duration=2.0, settings=settings)
-        np.testing.assert_array_equal(estimator.running._belief.axis, 2)
+        np.testing.assert_array_equal(estimator.running.belief.axis, 2)
         assert estimator.diagnostics()["components"].min() > 8
         assert np.all(estimator.health().failed_at == -1)
 
@@ -270,5 +270,5 @@ def test_the_answer_is_the_state():
     action = nav.step(obs)
     np.testing.assert_allclose(np.linalg.norm(action[:4]), 1.0, rtol=1e-12)
     np.testing.assert_allclose(action[7:], obs["gps_pos"], atol=50.0)
-    assert isinstance(nav.filter.estimate(nav._belief), Gaussian)
+    assert isinstance(nav.filter.estimate(nav.belief), Gaussian)
     assert attitude.rotation_angle(action[:4]) >= 0.0

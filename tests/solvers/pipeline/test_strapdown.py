@@ -165,11 +165,11 @@ def test_order_of_coning_and_sculling(monkeypatch, samples, order, motion, part)
 
 def test_printed_sculling_coefficients_are_of_second_order(monkeypatch):
     """000 (2.2.33) as printed (27/20, erratum 6): the test above can fail."""
-    printed = S._COUPLING[3].copy()
+    printed = S.COUPLING[3].copy()
     for i, j in ((0, 1), (1, 2)):
         printed[i, j], printed[j, i] = 27 / 20, -27 / 20
     monkeypatch.setattr(S, "samples_per_interval", lambda n_sub: 3)
-    monkeypatch.setitem(S._COUPLING, 3, printed)
+    monkeypatch.setitem(S.COUPLING, 3, printed)
     coarse, fine = (Sculling().run(0.4 / d, 3)[1] for d in (20, 40))
     assert abs(np.log2(coarse / fine) - 2) < 0.3
 

@@ -137,9 +137,9 @@ def test_the_first_pass_is_the_ckf_and_the_second_leads_to_its_estimate():
     reference, ckf = episode(4, 40.0, solver="ckf")
     np.testing.assert_array_equal(phi[:399], reference[:399])
     assert np.abs(phi[399:401, :, 2] - reference[399, :, 2]).max() > ARCSEC
-    b = estimator._belief
+    b = estimator.belief
     assert b.health.epoch == 401
-    end = ckf.filter.estimate(ckf.running._belief).mean
+    end = ckf.filter.estimate(ckf.running.belief).mean
     near = b.nominal[:, PHI] - end[:, PHI]  # an epoch later
     assert np.abs(near).max() < 2 * ARCSEC
     assert np.isfinite(estimator.covariance()).all()

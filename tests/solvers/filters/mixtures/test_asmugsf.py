@@ -110,7 +110,7 @@ def test_what_is_split_off_never_exceeds_the_noise(batch):
     x, F, H, Q, R, _ = problem(3, batch=batch)
     flt = make_filter("asmugsf")
     b = flt.predict(flt.init(x), Transition(Linear(F), Q))
-    v = flt._direction(b, Measurement(np.zeros((*batch, 2)), Linear(H), R))
+    v = flt.direction(b, Measurement(np.zeros((*batch, 2)), Linear(H), R))
     assert v.shape == x.mean.shape
     np.testing.assert_array_equal(v[..., -1], 0.0)
     assert np.linalg.eigvalsh(Q - v[..., :, None] * v[..., None, :]).min() > -1e-12

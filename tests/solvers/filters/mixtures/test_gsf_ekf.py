@@ -109,7 +109,7 @@ def test_the_angle_is_found_by_what_f_does():
 def test_the_cut_keeps_mean_and_covariance(sigma):
     x = prior(sigma, (2,))
     flt = make_filter("gsf_ekf")
-    b = flt._cut(flt.init(x), turning)
+    b = flt.cut(flt.init(x), turning)
     again = collapse(b.weights, Gaussian(b.mean, b.cov))
     np.testing.assert_allclose(again.mean, x.mean, atol=1e-15)
     np.testing.assert_allclose(again.cov, x.cov, atol=1e-13)
@@ -123,10 +123,10 @@ def test_the_cut_keeps_mean_and_covariance(sigma):
 
 def test_an_angle_may_be_named():
     narrow = Gaussian(np.zeros(3), np.diag([1.0, 1.0, 0.01]))
-    b = make_filter("gsf_ekf", axis=2)._cut(make_filter("gsf_ekf").init(narrow), Linear(np.eye(3)))
+    b = make_filter("gsf_ekf", axis=2).cut(make_filter("gsf_ekf").init(narrow), Linear(np.eye(3)))
     assert b.axis == -1  # known to 6 degrees: one slice
     wide = Gaussian(np.zeros(3), np.eye(3))
-    b = make_filter("gsf_ekf", axis=2)._cut(make_filter("gsf_ekf").init(wide), Linear(np.eye(3)))
+    b = make_filter("gsf_ekf", axis=2).cut(make_filter("gsf_ekf").init(wide), Linear(np.eye(3)))
     assert b.axis == 2
     assert (np.ptp(b.mean, axis=0) > 0.0).tolist() == [False, False, True]
 
@@ -200,15 +200,15 @@ def test_like_slices_are_merged_and_hopeless_ones_dropped():
     cov = np.full((2, 4, 1, 1), 0.25)
     flt = make_filter("gsf_ekf", merge_within=0.5)
     b = Bank(weights, mean, cov, health, np.zeros(2, dtype=int))
-    tidy = flt._tidy(b)
+    tidy = flt.tidy(b)
     np.testing.assert_allclose(tidy.weights, [[0.7, 0.3, 0.0, 0.0], [0.1, 0.2, 0.6, 0.1]], atol=1e-8)
     np.testing.assert_allclose(tidy.mean[0, :, 0], [3.0, 0.0, 3.0, 3.0], atol=1e-12)
     np.testing.assert_array_equal(tidy.mean[1], mean[1])
-    one = flt._tidy(Bank(*(part[:1] for part in b[:3]), health._replace(failed_at=np.array([-1])), np.zeros(1, int)))
+    one = flt.tidy(Bank(*(part[:1] for part in b[:3]), health._replace(failed_at=np.array([-1])), np.zeros(1, int)))
     assert one.weights.shape == (1, 2)
     for before, after in zip(flt.estimate(b), flt.estimate(tidy), strict=True):
         np.testing.assert_allclose(after, before, atol=1e-7)  # merging keeps the moments, dropping 1e-9 of them
-    frozen = flt._tidy(b._replace(health=health._replace(failed_at=np.array([3, -1]))))
+    frozen = flt.tidy(b._replace(health=health._replace(failed_at=np.array([3, -1]))))
     np.testing.assert_array_equal(frozen.weights[0], weights[0])
     np.testing.assert_array_equal(frozen.mean[0], mean[0])
 

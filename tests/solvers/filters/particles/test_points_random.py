@@ -44,7 +44,7 @@ def test_the_map_of_the_thesis():
     """u + (p + 1 - p^k) / p^k with floor: from 0.5 to base 2 comes 0.25, then 0.75, 0.125; the ceiling leaves [0, 1]."""
     sequence = [np.array(0.5)]
     for _ in range(5):
-        sequence.append(pr._kakutani(sequence[-1] + 1e-12, 2))
+        sequence.append(pr.kakutani(sequence[-1] + 1e-12, 2))
     np.testing.assert_allclose(sequence, [0.5, 0.25, 0.75, 0.125, 0.625, 0.375], atol=1e-10)
 
 

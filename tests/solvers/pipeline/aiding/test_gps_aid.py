@@ -140,7 +140,7 @@ def test_an_aid_brings_a_state_of_its_own(settings):
     error, made = fly(OffsetNavigator(make_filter("ekf"), **settings))
     low, high = stats.chi2.ppf([0.0005, 0.9995], 9 * 24) / 24
     assert low < nees(error, made.covariance()) < high
-    x = made.filter.estimate(made._belief)
+    x = made.filter.estimate(made.belief)
     sigma = np.sqrt(np.diagonal(x.cov, axis1=-2, axis2=-1))[:, -3:]
     assert np.all(sigma < 25.0)  # cm/s; it begins with 50
     apart = (x.mean[:, -3:] - 100 * OFFSET) / sigma
