@@ -55,6 +55,12 @@ def test_nothing_needs_scipy_stats_to_be_imported():
     assert {"scipy.stats", "matplotlib", "yaml", "filterpy"}.isdisjoint(fresh(code).split())
 
 
+def test_the_evaluation_needs_no_scipy_to_be_imported():
+    """It is imported anew in each worker, and in each process of a solver."""
+    loaded = fresh("import sys, sins_env.evaluation.play.pool; print(*sys.modules)").split()
+    assert [name for name in loaded if name.split(".")[0] in ("scipy", "matplotlib", "rich", "yaml", "filterpy")] == []
+
+
 ORDERS = {
     "Gymnasium last": f"import sins_env, gymnasium; {MAKE}",
     "Gymnasium first": f"import gymnasium, sins_env; {MAKE}",

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import special
 
 from sins_env.arrays import Array
 from sins_env.evaluation.play.criteria import Criteria
@@ -35,6 +34,8 @@ def nees_band(runs: int, dof: int = 3) -> Interval:
 
 def chi2_quantile(part: Any, dof: int) -> Any:
     """Return the chi-square quantile of a probability ``part``; scipy.stats has it, too, but takes long to import."""
+    from scipy import special  # slow to import
+
     return 2 * special.gammaincinv(0.5 * dof, part)
 
 

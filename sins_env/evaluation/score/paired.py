@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from sins_env.arrays import Array, Mask
 from sins_env.evaluation.play.records import Records
@@ -26,7 +25,7 @@ from sins_env.evaluation.score import quantities, resampling
 from sins_env.evaluation.score.resampling import LEAST_RUNS, NO_INTERVAL, Estimate, Interval
 from sins_env.evaluation.score.results import Results
 
-_Z = float(special.ndtri(resampling.TAILS[1]))
+_Z = 1.959963984540054  #: quantile of the standard normal distribution for 97.5 %
 
 
 @dataclass(frozen=True, repr=False)

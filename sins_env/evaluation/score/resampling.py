@@ -15,7 +15,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from sins_env.arrays import Array
 
@@ -93,6 +92,8 @@ def bca(drawn: Array, value: Array, without: Array) -> Array:
         value: statistics of the sample, (c,).
         without: statistics with one unit left out, (units, c).
     """
+    from scipy import special  # slow to import
+
     size = len(drawn)
     drawn = np.sort(drawn.T, axis=1)  # NaN last: those columns give NaN
     ends = (
