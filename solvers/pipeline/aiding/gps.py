@@ -7,6 +7,8 @@ Equations: 000 (2.3.20); docs/mathematics/error_models.md#measurement and #lever
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sins_env import attitude, earth
@@ -105,12 +107,30 @@ class Fix:
         """
         if arm is None:
             return Measurement(residual, Linear(self._H), R, law)
-        m = residual.shape[-1]
+        return Measurement(residual, Antenna(self._H, self._seen, self._phi, arm), R, law)
 
-        def h(x: Array) -> Array:
-            return x[..., self._seen] + arm_error(x[..., self._phi], arm)[..., :m]
 
-        return Measurement(residual, h, R, law)
+@dataclass(frozen=True)
+class Antenna:
+    """What a fix of an antenna with a lever arm shows, h(x) = H x + (I - C') a, with its Jacobian."""
+
+    H: Array  #: (m, n), the states that a fix shows
+    seen: slice  #: place of these states
+    phi: slice
+    arm: Array  #: (*batch, k, 3), the vectors a
+
+    def __call__(self, x: Array) -> Array:
+        return x[..., self.seen] + arm_error(x[..., self.phi], self.arm)[..., : len(self.H)]
+
+    def jacobian(self, x: Array) -> Array:
+        """Return H and, in the columns of phi, C' [a x] C_w: (..., m, n) for x (..., n)."""
+        arm = self.arm[..., None, :, :] if x.ndim >= self.arm.ndim else self.arm
+        phi = x[..., self.phi]
+        turned = attitude.misalignment_dcm(phi).mT[..., None, :, :] @ attitude.skew(arm)
+        slope = turned @ attitude.misalignment_rate_matrix(phi)[..., None, :, :]
+        J = np.broadcast_to(self.H, (*x.shape[:-1], *self.H.shape)).copy()
+        J[..., self.phi] += slope.reshape(*slope.shape[:-3], -1, 3)[..., : len(self.H), :]
+        return J
 
 
 def noise_law(gps: GpsSpec) -> NoiseLaw | None:

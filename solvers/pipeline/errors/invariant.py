@@ -14,18 +14,20 @@ docs/mathematics/error_models.md#invariant-coordinates.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from sins_env import attitude, earth
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
 from sins_env.earth import Earth
 from sins_env.states import Layout
 from sins_env.types import NavState
 from solvers.blocks.mixtures import spread, widen
 from solvers.blocks.moments import tangent
+from solvers.pipeline.errors.navigation import NavigationMap
 from solvers.types import Function, Gaussian, Measurement, Transition
 
 Maps = tuple[Function, Callable[[Array], Array]]  #: a function and its Jacobian
@@ -83,10 +85,10 @@ class Invariant(Euler):
     def transition(self, tr: Transition, before: NavState, after: NavState) -> Transition:
         a, b = self.at(before), self.at(after)
         D = b.slope()
-        return tr._replace(f=Through(a, tr.f, b), Q=D @ tr.Q @ D.mT)
+        return tr._replace(f=Growth(a, tr.f, b), Q=D @ tr.Q @ D.mT)
 
     def measurement(self, me: Measurement, nav: NavState) -> Measurement:
-        return me._replace(h=Through(self.at(nav), me.h))
+        return me._replace(h=Seen(self.at(nav), me.h))
 
     def errors(self, xi: Array, nav: NavState) -> Array:
         return self.at(nav).errors(xi)
@@ -98,28 +100,17 @@ class Invariant(Euler):
 
     def reset(self, maps: Maps, before: NavState, after: NavState) -> Maps:
         """Return the reset xi -> log(Exp(-xi_hat) Exp(xi)) and its Jacobian."""
-        g = Through(self.at(before), Jacobian(*maps), self.at(after))
+        g = Reset(self.at(before), maps[0], self.at(after), self._states)
         return g, g.jacobian
 
 
-@dataclass(frozen=True)
-class Jacobian:
-    """A function with its Jacobian."""
-
-    g: Function
-    jacobian: Callable[[Array], Array]
-
-    def __call__(self, x: Array) -> Array:
-        return self.g(x)
-
-
-@dataclass(frozen=True)
 class Through:
     """The function xi -> g(x(xi)), with its Jacobian by the chain rule."""
 
-    before: Chart  #: coordinates of the argument
-    g: Function
-    after: Chart | None = None  #: coordinates of the result; None: it is no error, such as a measurement
+    def __init__(self, before: Chart, g: Function, after: Chart | None = None) -> None:
+        self.before = before  #: coordinates of the argument
+        self.g = g
+        self.after = after  #: coordinates of the result; None: it is no error, such as a measurement
 
     def __call__(self, xi: Array) -> Array:
         y = self.g(self.before.errors(xi))
@@ -133,6 +124,74 @@ class Through:
         return J if self.after is None else self.after.invariant_slope(y) @ J
 
 
+class Tangent(Through, ABC):
+    """A function that is linear where xi is negligible, as a closed loop keeps it."""
+
+    @cached_property
+    @abstractmethod
+    def at_zero(self) -> tuple[Array, Array]:
+        """Value (..., m) and Jacobian (..., m, n) at zero, in closed form."""
+
+    def __call__(self, xi: Array) -> Array:
+        if xi.ndim > self.before.ndim:  # points, or components of a mixture
+            return super().__call__(xi)
+        y, J = self.at_zero
+        near = y + (J @ xi[..., None])[..., 0]
+        away = _away(xi)
+        return np.where(away[..., None], super().__call__(xi), near) if away.any() else near
+
+    def jacobian(self, xi: Array) -> Array:
+        near = self.at_zero[1] if xi.ndim == self.before.ndim else widen(self.at_zero[1])
+        away = _away(xi)
+        return np.where(away[..., None, None], super().jacobian(xi), near) if away.any() else near
+
+
+class Growth(Tangent):
+    """The growth of xi in an epoch of ``NavigationErrors``."""
+
+    g: NavigationMap
+    after: Chart
+
+    @cached_property
+    def at_zero(self) -> tuple[Array, Array]:
+        F = self.g.slope()
+        self.before.divide(F)  # D_after F D_before^-1, with D the slopes of the coordinates
+        self.after.multiply(F)
+        return np.zeros(F.shape[:-1]), F
+
+
+class Seen(Tangent):
+    """What a measurement shows of xi."""
+
+    @cached_property
+    def at_zero(self) -> tuple[Array, Array]:
+        zero = np.zeros(self.before.shape)
+        y, H = tangent(self.g, zero, zero)
+        H = np.broadcast_to(H, (*y.shape, zero.shape[-1])).copy()
+        self.before.divide(H)
+        return y, H
+
+
+class Reset(Through):
+    """The reset xi -> log(Exp(-xi_hat) Exp(xi)), which ``g`` makes of the model's errors."""
+
+    def __init__(self, before: Chart, g: Function, after: Chart, states: Layout) -> None:
+        super().__init__(before, g, after)
+        self._states, self._done = states, (np.empty(0), np.empty(0))
+
+    def __call__(self, xi: Array) -> Array:
+        if self._done[0] is not xi:  # a filter asks for the Jacobian at the same place
+            self._done = xi, super().__call__(xi)
+        return self._done[1]
+
+    def jacobian(self, xi: Array) -> Array:
+        left = self(xi)
+        J, away = right_jacobian(xi, self._states), _away(left)
+        if not away.any():
+            return J
+        return np.where(away[..., None, None], np.linalg.solve(right_jacobian(left, self._states), J), J)
+
+
 class Chart:
     """The change of coordinates between xi and x at a state of the INS.
 
@@ -141,12 +200,14 @@ class Chart:
     """
 
     def __init__(self, held: Array, states: Layout) -> None:
-        self._held, self._ndim, self._size = held, held.ndim - 1, states.size
+        self._held, self._size = held, states.size
+        self.ndim = held.ndim - 1  #: number of axes of one xi per run
+        self.shape = (*held.shape[:-2], states.size)  #: shape of one xi per run
         self._phi, *self._rows = (states[name] for name in ("phi", "dv", "dp")[: 1 + held.shape[-2]])
 
     def spread(self, g: Function) -> Function:
         """Make ``g`` work for points around the components of a mixture too."""
-        return spread(g, self._ndim - 1)
+        return spread(g, self.ndim - 1)
 
     def errors(self, xi: Array) -> Array:
         """Return x (..., n) for xi (..., n)."""
@@ -172,9 +233,19 @@ class Chart:
             D[..., rows, self._phi] = -attitude.skew(self._held[..., i, :])
         return D
 
+    def multiply(self, F: Array) -> None:
+        """Multiply F (..., n, n) from the left by the slope of these coordinates, in place."""
+        for i, rows in enumerate(self._rows):
+            F[..., rows, :] -= attitude.skew(self._held[..., i, :]) @ F[..., self._phi, :]
+
+    def divide(self, F: Array) -> None:
+        """Multiply F (..., n, n) from the right by the inverse of the slope of these coordinates, in place."""
+        for i, rows in enumerate(self._rows):
+            F[..., self._phi] += F[..., rows] @ attitude.skew(self._held[..., i, :])
+
     def _slope(self, g: Function, x: Array, at_zero: Array) -> Array:
         """Return the Jacobian (..., n, n) of g at x; runs with a negligible x get ``at_zero``."""
-        away = np.abs(x).max(axis=-1) > NOTHING
+        away = _away(x)
         if x.ndim == at_zero.ndim:  # components of a mixture
             at_zero = widen(at_zero)
         if not away.any():
@@ -185,11 +256,11 @@ class Chart:
         return np.where(away[..., None, None], J, at_zero)
 
     def _planes(self, x: Array, g: Callable[[Array, Array], Array]) -> Array:
-        if x.ndim == self._ndim:
+        if x.ndim == self.ndim:
             return self._planes(x[..., None, :], g)[..., 0, :]
         n, batch = x.ndim - 1, self._held.ndim - 2
         held = self._held.transpose(batch, batch + 1, *range(batch))[..., None]
-        if x.ndim > self._ndim + 1:  # components of a mixture, and points
+        if x.ndim > self.ndim + 1:  # components of a mixture, and points
             held = held[..., None]
         return np.ascontiguousarray(g(x.transpose(n, *range(n)), held).transpose(*range(1, n + 1), 0))
 
@@ -219,6 +290,39 @@ class Chart:
             eta = value - turned(theta, value - X[rows], -a1, a2)
             out[rows] = turned(theta, eta, 0.5, c)
         return out
+
+
+def _away(x: Array) -> Mask:
+    """Return whether the errors x (..., n) are more than what rounding leaves, (...)."""
+    return np.asarray(np.abs(x).max(axis=-1) > NOTHING)
+
+
+def right_jacobian(xi: Array, states: Layout) -> Array:
+    """Return J (..., n, n) with Exp(xi + d) = Exp(xi) Exp(J d) to first order in d (..., n); biases have the identity.
+
+    J is the sum of A^k / (k + 1)! with A = [theta x, 0; xi_v x, theta x], and the same for a position. A^5 is a combination
+    of A and A^3, so four terms are enough. Source: Barfoot & Furgale (2014), doi:10.1109/TRO.2014.2298059.
+    """
+    phi, n = states["phi"], states.size
+    A = np.zeros((*xi.shape, n))
+    A[..., phi, phi] = turn = attitude.skew(xi[..., phi])
+    for rows in (states[name] for name in ("dv", "dp") if name in states):
+        A[..., rows, phi], A[..., rows, rows] = attitude.skew(xi[..., rows]), turn
+    t2 = np.add.reduce(xi[..., phi] ** 2, axis=-1)[..., None, None]
+    small, t2 = t2 < SMALL, np.maximum(t2, SMALL)
+    t = np.sqrt(t2)
+    s, c = np.sin(t), np.cos(t)
+    factors = (  # of A^4, A^3, A^2, A; series where theta is small
+        np.where(small, 1 / 120, (2.0 * t - 3.0 * s + t * c) / (2.0 * t2 * t2 * t)),
+        np.where(small, 1 / 24, (2.0 - t * s - 2.0 * c) / (2.0 * t2 * t2)),
+        np.where(small, 1 / 6, (4.0 * t - 5.0 * s + t * c) / (2.0 * t2 * t)),
+        np.where(small, 1 / 2, (4.0 - t * s - 4.0 * c) / (2.0 * t2)),
+    )
+    one = np.eye(n)
+    J = factors[0] * A
+    for factor in factors[1:]:
+        J = A @ (J + factor * one)
+    return J + one
 
 
 def turned(theta: Array, y: Array, a: Array | float, b: Array) -> Array:

@@ -48,6 +48,7 @@ class NavigationMap(EpochMap):
 
     def __init__(self, motion: EpochMotion, states: Layout) -> None:
         super().__init__(motion, motion.C)
+        self._motion, self._states = motion, states
         self._h, self._position = motion.dt, "dp" in states
         self._eps, self._nabla = states["gyro_bias"], states["accel_bias"]
         self._coriolis = front(motion.dt * (2 * motion.rate_ie + motion.rate_en))
@@ -110,6 +111,51 @@ class NavigationMap(EpochMap):
         shift[0] += east * (lead / E - p[2])
         shift[1] -= north * p[2]
         return turn, shift
+
+    def slope(self) -> Array:
+        """Return the Jacobian (..., n, n) of the map at zero errors: ``advance`` to first order, line by line."""
+        m, h, n = self._motion, self._h, self._states.size
+        batch = m.dvel_n.shape[:-1]
+        half_force = 0.5 * attitude.skew(m.dvel_n)
+        accel = (h * ACCEL_UNIT) * m.C
+        v, r, gain = (
+            np.zeros((*batch, 3, n)) for _ in range(3)
+        )  # rows of the velocity at mid-epoch, of r and of the gain
+        v[..., PHI], v[..., DV], v[..., self._nabla] = half_force, np.eye(3), 0.5 * accel
+        transport = h * m.transport * [1.0, 1.0, 0.0]
+        d_coriolis = transport @ v
+        r += d_coriolis
+        r[..., PHI] -= attitude.skew(h * (m.rate_ie + m.rate_en))
+        r[..., self._eps] -= (h * GYRO_UNIT) * m.C
+        gain[..., PHI], gain[..., self._nabla] = 2.0 * half_force, accel
+        F = np.broadcast_to(np.eye(n), (*batch, n, n)).copy()
+        if self._position:
+            turn, ie, shift, gravity = self._place_slopes()
+            mid = np.zeros((3, n))  # rows of the position error at mid-epoch
+            mid[:, DV], mid[:, DP] = 0.5 * h * np.eye(3), np.eye(3)
+            r += (turn + ie) @ mid
+            d_coriolis = d_coriolis + (turn + 2.0 * ie) @ mid
+            gain += gravity @ mid
+            F[..., DP, :] += shift @ mid
+        gain += half_force @ r - attitude.skew(h * (2 * m.rate_ie + m.rate_en)) @ v + attitude.skew(m.vel) @ d_coriolis
+        F[..., PHI, :] += r
+        F[..., DV, :] += gain
+        if self._position:
+            F[..., DP, DV] += h * np.eye(3)
+            F[..., DP, :] += 0.5 * h * gain
+        return F
+
+    def _place_slopes(self) -> tuple[Array, Array, Array, Array]:
+        """Return what a position error changes, (..., 3, 3) each: omega_en and omega_ie of the epoch, dp, and gravity."""
+        turn, ie, shift, gravity = (np.zeros((*self._motion.dvel_n.shape[:-1], 3, 3)) for _ in range(4))
+        for i, unit in enumerate(np.eye(3)):
+            p = unit.reshape(3, *(1,) * (self._vel.ndim - 1))
+            turned, shifted = self._curved(self._vel, np.broadcast_to(p, self._vel.shape))
+            turn[..., i] = np.moveaxis(turned[..., 0], 0, -1)
+            shift[..., :2, i] = np.moveaxis(shifted[..., 0], 0, -1)
+        ie[..., 1:, 1] = np.moveaxis(self._ie[..., 0], 0, -1)
+        gravity[..., 2, 1], gravity[..., 2, 2] = self._gravity_north[..., 0], self._h * earth.FREE_AIR
+        return turn, ie, shift, gravity
 
 
 @dataclass(frozen=True)

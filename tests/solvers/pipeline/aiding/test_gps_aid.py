@@ -62,6 +62,18 @@ def test_a_measurement_is_the_ins_less_the_fix_at_the_antenna(task, errors, arm)
     np.testing.assert_array_equal(me.h(np.zeros((5, errors.states.size))), np.zeros((5, m)))
 
 
+@pytest.mark.parametrize("errors", [AlignmentErrors(), NavigationErrors(position=False), NavigationErrors()])
+def test_the_jacobian_of_an_antenna(task, errors):
+    """Against central differences, for runs and for points of each run."""
+    obs, nav = fixes(task, 5)
+    _, me = Gps(with_arm(task, 1.0, -2.0, 0.5), errors.states).read(obs, nav)
+    x = 0.5 * np.random.default_rng(4).standard_normal((5, 3, errors.states.size))
+    step = 1e-6 * np.eye(errors.states.size)
+    expected = np.stack([(me.h(x + d) - me.h(x - d)) / 2e-6 for d in step], axis=-1)
+    np.testing.assert_allclose(me.h.jacobian(x), expected, atol=1e-8)
+    np.testing.assert_array_equal(me.h.jacobian(x[:, 1]), me.h.jacobian(x)[:, 1])
+
+
 def test_runs_without_a_fix(task):
     """One of them has the variance of a missing fix, in all of them there is no measurement."""
     obs, nav = fixes(task, 3)

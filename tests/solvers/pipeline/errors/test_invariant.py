@@ -10,13 +10,15 @@ from solvers.blocks.moments import tangent
 from solvers.filters import make_filter
 from solvers.pipeline import feedback, strapdown
 from solvers.pipeline.aiding.gps import Fix
-from solvers.pipeline.errors.invariant import Chart, Invariant
+from solvers.pipeline.errors.invariant import Chart, Invariant, right_jacobian
+from solvers.pipeline.errors.model import Parameter
 from solvers.pipeline.errors.navigation import DP, DV, PHI, STATES, WITHOUT_POSITION, NavigationErrors
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Gaussian
 
 RNG = np.random.default_rng(3)
 HELD = 20.0 * RNG.standard_normal((4, 2, 3))
+MODEL, SITE = earth.get("wgs84"), np.array([0.6, 1.9, 300.0])
 SCALE = np.repeat([0.5, 3.0, 30.0, 1.0, 1.0], 3)
 
 
@@ -125,10 +127,81 @@ def test_reset_is_the_product_of_exponentials():
         expected = expm(-algebra(hat)) @ expm(algebra(row))
         np.testing.assert_allclose(expm(algebra(left)), expected, atol=3e-3)  # metres on an ellipsoid over 100 m
         np.testing.assert_allclose(left[9:], row[9:] - hat[9:], atol=1e-12)
-    step = 1e-6 * SCALE[0] * np.eye(15)
-    J = jacobian(xi_hat)
-    for i in range(15):
-        np.testing.assert_allclose(J[..., i], (g(xi_hat + step[i]) - g(xi_hat - step[i])) / (2 * step[i, i]), atol=1e-5)
+    for at in (xi_hat, xi):
+        expected = differences(g, at, np.full(15, 5e-7))
+        np.testing.assert_allclose(jacobian(at), expected, rtol=1e-4, atol=1e-4)  # metres on an ellipsoid
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-3, 0.009, 0.011, 1.0, 3.0])
+def test_the_right_jacobian_of_the_group(size):
+    """Exp(xi + d) is Exp(xi) Exp(J d), by differences of scipy's exponential."""
+    xi = size * SCALE * RNG.standard_normal((4, 15))
+    J = right_jacobian(xi, STATES)
+    twelve = np.delete(np.arange(15), DP)
+    np.testing.assert_array_equal(right_jacobian(xi[:, twelve], WITHOUT_POSITION), J[:, twelve][..., twelve])
+    for row, slope in zip(xi, J, strict=True):
+        for i in range(9):
+            d = 1e-5 * np.eye(15)[i]
+            moved = expm(-algebra(row)) @ (expm(algebra(row + d)) - expm(algebra(row - d))) / 2e-5
+            np.testing.assert_allclose(algebra(slope[:, i]), moved, atol=1e-7 * max(1.0, np.abs(xi).max()))
+        np.testing.assert_array_equal(slope[9:], np.eye(15)[9:])
+        np.testing.assert_array_equal(slope[:9, 9:], 0.0)
+
+
+def differences(g, x, step):
+    """The Jacobian of ``g`` at x (..., n) by central differences."""
+    columns = [(g(x + one) - g(x - one)) / (2 * one.sum()) for one in np.diag(step)]
+    return np.stack(columns, axis=-1)
+
+
+def epoch(position):
+    """States of an INS before and after an epoch of 1 s at high speed, and its motion."""
+    ins = strapdown.Strapdown(MODEL, 1.0, 3, SITE, hold_position=not position)
+    pos = earth.displace(MODEL, SITE, HELD[:, 1]) if position else np.tile(SITE, (4, 1))
+    before = NavState(attitude.normalize(RNG.standard_normal((4, 4))), 10 * HELD[:, 0], pos)
+    dtheta, dvel = 0.1 * RNG.standard_normal((4, 3, 3)), 3.0 + RNG.standard_normal((4, 3, 3))
+    after, motion = ins.advance(ins.start(before), dtheta, dvel)
+    return before, after.nav, motion
+
+
+@pytest.mark.parametrize("position", [True, False])
+def test_the_growth_in_closed_form(position):
+    """Slopes at zero of an epoch, of its change of coordinates and of a fix, by differences of the maps themselves."""
+    errors = NavigationErrors(position, parameters=(Parameter("odometer.scale", 1, "1", std=0.1),))
+    states, n = errors.states, errors.states.size
+    before, after, motion = epoch(position)
+    tr = errors.transition(motion, np.eye(n))
+    sizes = errors.states.values({"phi": 1e-5, "dv": 0.1, "dp": 100.0} if position else {"phi": 1e-5, "dv": 0.1})
+    step = np.where(sizes > 0.0, sizes, 1.0)
+    zero = np.zeros((4, n))
+    expected = differences(tr.f, zero, step)
+    np.testing.assert_allclose(tr.f.slope(), expected, rtol=1e-8, atol=1e-8)
+    coordinates = Invariant(MODEL, SITE, states)
+    growth = coordinates.transition(tr, before, after).f
+    expected = differences(growth, zero, step)  # these steps are no negligible errors
+    np.testing.assert_allclose(growth.jacobian(zero), expected, rtol=2e-7, atol=2e-7 * np.abs(expected).max())
+    near = 1e-10 * RNG.standard_normal((4, n))
+    np.testing.assert_array_equal(growth(near), (growth.jacobian(zero) @ near[..., None])[..., 0])
+    arm = np.broadcast_to([[0.3, 0.2, -0.1], [1.0, -2.0, 0.5]], (4, 2, 3))
+    for given in (None, arm):
+        me = Fix(states).measurement(np.zeros((4, 6 if position else 3)), np.eye(6 if position else 3), given)
+        seen = coordinates.measurement(me, after).h
+        expected = differences(seen, zero, step)
+        np.testing.assert_allclose(seen.jacobian(zero), expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_runs_with_negligible_errors_do_not_depend_on_the_others():
+    """The exact map serves the runs whose errors count, the tangent the others."""
+    before, after, motion = epoch(position=False)
+    tr = NavigationErrors(position=False).transition(motion, np.eye(12))
+    growth = Invariant(MODEL, SITE, WITHOUT_POSITION).transition(tr, before, after).f
+    xi = 0.1 * RNG.standard_normal((4, 12))
+    xi[::2] = 0.0
+    np.testing.assert_array_equal(growth(xi)[::2], 0.0)
+    np.testing.assert_array_equal(growth.jacobian(xi)[::2], growth.jacobian(np.zeros((4, 12)))[::2])
+    assert (np.abs(growth.jacobian(xi) - growth.jacobian(np.zeros((4, 12))))[1::2].max(axis=(1, 2)) > 1e-4).all()
+    points = growth(np.repeat(xi[:, None], 3, axis=1))
+    np.testing.assert_allclose(points, np.repeat(growth(xi)[:, None], 3, axis=1), atol=1e-12)
 
 
 @pytest.mark.parametrize("position", [True, False])
