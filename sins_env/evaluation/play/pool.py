@@ -1,4 +1,4 @@
-"""Worker processes that play jobs. A job whose worker dies runs once more, alone."""
+"""Worker processes that play jobs. A job whose worker dies runs once more, alone; so does any other call, and the start."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from sins_env.evaluation.play.records import Records
 
 T = TypeVar("T")
 POLL_S = 0.1
+ATTEMPTS = 2  #: number of times that work is tried whose worker dies: the second death is its own fault
 
 #: A job with its records; None if its worker died twice.
 Finished = tuple[Job, Records | None]
@@ -67,18 +68,19 @@ class Processes:
         self._pool = None
 
     def call(self, function: Callable[..., T], *arguments: Any) -> T | None:
-        """Call a function in a worker and return its result; None if the worker dies.
+        """Call a function in a worker and return its result; None if the worker dies twice.
 
         Raises:
             RuntimeError: worker processes cannot start.
         """
-        try:
-            with interrupts_held():
-                future = self._ready_pool().submit(function, *arguments)
-            return future.result()
-        except BrokenExecutor:
-            self._pool = None
-            return None
+        for _ in range(ATTEMPTS):
+            try:
+                with interrupts_held():
+                    future = self._ready_pool().submit(function, *arguments)
+                return future.result()
+            except BrokenExecutor:
+                self._pool = None
+        return None
 
     def run(self, jobs: Sequence[Job], progress: Progress) -> Iterator[Finished]:
         """Yield jobs with their records, in the order in which they end.
@@ -120,15 +122,18 @@ class Processes:
             progress(finished + sum(self._shared[slot] for _, _, slot in running.values()))
 
     def _ready_pool(self) -> ProcessPoolExecutor:
-        if self._pool is None:
+        attempts = 0
+        while self._pool is None:
+            attempts += 1
             self._shared[self.workers] = 0
             self._context.started.clear()
             pool = ProcessPoolExecutor(self.workers, self._context, _init_worker, (self._shared,))
             try:
                 pool.submit(os.getpid).result()
+                self._pool = pool
             except BrokenExecutor as error:
-                raise RuntimeError(CANNOT_START) from error
-            self._pool = pool
+                if attempts == ATTEMPTS:
+                    raise RuntimeError(CANNOT_START) from error
         return self._pool
 
 

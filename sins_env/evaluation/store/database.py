@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import sqlite3
 import zlib
 from collections.abc import Iterator
@@ -29,12 +30,16 @@ class Database:
 
     def __init__(self, path: str | Path, read_only: bool = False) -> None:
         self.path = Path(path)
+        self._file: tuple[int, int] | None = None  #: the file that is written, which must stay at its path
         if read_only and not self.path.exists():
             raise StoreError(f"{self.path}: no such results file; sins-env eval makes one")
+        if not read_only and self.path.exists() and not os.access(self.path, os.W_OK):
+            raise StoreError(f"{self.path}: cannot be written (read-only)")
         with self.explaining():
             self.connection = _open_read_only(self.path) if read_only else _connect(self.path)
             try:
                 self._check(read_only)
+                self._file = None if read_only else _identity(self.path)
             except BaseException:
                 self.connection.close()
                 raise
@@ -94,7 +99,11 @@ class Database:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Write everything in the context, or nothing if it raises an exception."""
+        """Write everything in the context, or nothing if it raises an exception.
+
+        Raises:
+            StoreError: another program has removed or replaced the file.
+        """
         self.connection.execute("BEGIN IMMEDIATE")
         try:
             yield
@@ -103,6 +112,8 @@ class Database:
             if self.connection.in_transaction:
                 self.connection.execute("ROLLBACK")
             raise
+        if self._file and _identity(self.path) != self._file:  # the connection would go on writing to the old file
+            raise StoreError(f"{self.path}: removed or replaced by another program; --resume makes again what was lost")
 
     @contextmanager
     def reading(self, what: str) -> Iterator[None]:
@@ -127,14 +138,26 @@ def _connect(target: str | Path) -> sqlite3.Connection:
     return sqlite3.connect(target, timeout=BUSY_S, isolation_level=None, uri=isinstance(target, str))
 
 
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Return device and number of the file at a path; None if there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
 def _open_read_only(path: Path) -> sqlite3.Connection:
     """Open a file for reading.
 
     A connection that may write comes first, because it removes the files of the log when it closes. The last mode is for
-    a directory that cannot be written.
+    a directory that cannot be written. It comes first for a file that cannot be written and has no log, because a connection
+    that may not write would make the files of the log and leave them.
     """
     uri = path.resolve().as_uri()
-    for mode in ("?mode=rw", "?mode=ro", "?immutable=1"):
+    modes = ("?mode=rw", "?mode=ro", "?immutable=1")
+    sealed = not os.access(path, os.W_OK) and not path.with_name(f"{path.name}-wal").exists()
+    for mode in modes[-1:] if sealed else modes:
         db = _connect(uri + mode)
         try:
             db.execute("PRAGMA query_only = 1")
@@ -154,7 +177,7 @@ def _explain(error: sqlite3.Error) -> str:
         ("locked", f"locked by another program for more than {BUSY_S:.0f} s"),
         ("readonly", "cannot be written (read-only)"),
         ("unable to open", "cannot be opened: no such directory, or no permission"),
-        ("full", "the disk is full"),
+        ("full", "the disk is full; free some space, and --resume continues"),
         ("malformed", "damaged (not a whole SQLite file)"),
     ):
         if part in text:

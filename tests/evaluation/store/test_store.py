@@ -331,6 +331,50 @@ def test_read_only_directory(tmp_path, results, key):
         folder.chmod(0o755)
 
 
+def test_a_file_that_may_only_be_read_stays_alone(tmp_path, monkeypatch, results, key):
+    """Nothing is made beside it, by those who read it or by those who may not write it."""
+    path = tmp_path / "r.sqlite"
+    with Store(path) as db:
+        db.add(key, results.records)
+    access = os.access
+    monkeypatch.setattr(os, "access", lambda file, mode, **more: mode != os.W_OK and access(file, mode, **more))
+    path.chmod(0o444)
+    with Store(path, read_only=True) as db:
+        assert len(db.results(key).records) == 4
+        assert os.listdir(tmp_path) == ["r.sqlite"]
+    with pytest.raises(StoreError, match=r"r\.sqlite: cannot be written"):
+        Store(path)
+    assert os.listdir(tmp_path) == ["r.sqlite"]
+
+
+@pytest.mark.parametrize("how", ["removed", "replaced"])
+def test_a_file_that_another_program_takes_away(tmp_path, results, key, how):
+    path, other = tmp_path / "r.sqlite", tmp_path / "other.sqlite"
+    Store(other).close()
+    with Store(path) as db:
+        if how == "removed":
+            path.unlink()
+        else:
+            other.replace(path)
+        with pytest.raises(StoreError, match=r"r\.sqlite: removed or replaced by another program; --resume"):
+            db.add(key, results.records)
+    with Store(path) as db:
+        db.add(key, results.records)
+        assert db.runs_of(key) == {0, 1, 2, 3}
+
+
+def test_a_full_disk_takes_nothing_back(tmp_path, results, key):
+    with Store(tmp_path / "r.sqlite") as db:
+        ((pages,),) = db.connection.execute("PRAGMA page_count").fetchall()
+        db.connection.execute(f"PRAGMA max_page_count = {pages}")
+        with pytest.raises(StoreError, match="the disk is full; free some space, and --resume continues"):
+            db.add(key, results.records)
+        assert db.runs_of(key) == set()
+        db.connection.execute("PRAGMA max_page_count = 1000")
+        db.add(key, results.records)
+        assert db.runs_of(key) == {0, 1, 2, 3}
+
+
 def test_damaged_row(tmp_path, results, key):
     with Store(tmp_path / "r.sqlite") as db:
         db.add(key, results.records)
