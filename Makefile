@@ -6,6 +6,8 @@ STAMP := $(VENV)/installed
 export SINS_ENV_DATA ?= $(abspath ../shared/data)
 # one BLAS thread per process: the batches are small, and processes use the cores
 export OPENBLAS_NUM_THREADS ?= 1
+# every process reads compiled files: the tests start many
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: board test check lint types tests bench reproduce leaderboard clean
 

@@ -1,5 +1,6 @@
 """What the README promises runs as it stands: its blocks of code, its commands, and the first one of them, ``make board``."""
 
+import dataclasses
 import os
 import re
 import runpy
@@ -7,9 +8,9 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
-from evaluation.short import lasting
 from places import ROOT
 
 from sins_env.cli.main import main
@@ -28,17 +29,26 @@ SHELL = [
 ]
 #: The commands that only read a results file; they are given that of ``make board``.
 READERS = ("board", "compare", "report", "export", "verify")
-#: Tasks cut short for the commands, in seconds.
-SHORTER = {"sway-white-v0": 60.0, "sway-scratch-v0": 150.0}
+#: Settings with which the tasks of the commands are short; what is to hold, holds for HOLD_S seconds.
+SHORTER: dict[str, dict[str, Any]] = {
+    "sway-white-v0": {"duration": 30.0},
+    "sway-scratch-v0": {"duration": 60.0, "coarse": 30.0},
+    "flight-hotstart60-v0": {"duration": 60.0},
+    "rlg-car-v0": {"window": [0.0, 60.0], "coarse": 30.0},
+}
+HOLD_S = 5.0
+#: What the options of a command are given instead of what is printed.
+LITTLE = {"--runs": ["2"], "--window": ["0", "100"]}
 
 
 def words_of(line):
-    """The arguments of a command, with few runs, which stay in this process."""
+    """The arguments of a command, with few runs, which stay in this process, and short windows."""
     words = line.split("#")[0].split()[1:]
-    if "--runs" in words:
-        words[words.index("--runs") + 1] = "2"
-        words += ["--workers", "1"]
-    return words
+    for option, values in LITTLE.items():
+        if option in words:
+            at = words.index(option) + 1
+            words[at : at + len(values)] = values
+    return words + ["--workers", "1"] * ("--runs" in words)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -47,8 +57,10 @@ def _shorter_tasks():
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COLUMNS", "100")
         patch.setattr(cost, "BLOCKS", 2)
-        for name, seconds in SHORTER.items():
-            patch.setitem(catalogue.TASKS, name, lasting(name, seconds))
+        for name, settings in SHORTER.items():
+            task = catalogue.get_task(name)
+            shorter = dataclasses.replace(task, kwargs={**task.kwargs, **settings}, hold_s=HOLD_S)
+            patch.setitem(catalogue.TASKS, name, shorter)
         yield
 
 
