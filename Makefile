@@ -44,6 +44,8 @@ $(STAMP): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --editable ".[dev]"
+	@echo "Compiling the kernels: half a minute, once."
+	$(BIN)/sins-env warm
 	touch $@
 
 clean:

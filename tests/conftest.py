@@ -10,14 +10,16 @@ from places import ROOT
 
 from sins_env.cli.main import main
 from sins_env.evaluation.tasks import catalogue
+from sins_env.kernels.compiling import FOLDER, cache_folder
 
 os.environ.setdefault("SINS_ENV_DATA", str(ROOT.parent / "shared" / "data"))
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory):
-    """Bounds are kept apart from the user's; subprocesses find them, too."""
+    """Bounds are kept apart from the user's, compiled kernels are not; subprocesses find both."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(FOLDER, str(cache_folder()))
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         yield
 

@@ -14,8 +14,8 @@ from sins_env.envs import ENV_IDS, environments
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "sins_env").rglob("*.py")) + sorted((ROOT / "solvers").rglob("*.py"))
-SLOW = ("filterpy", "matplotlib", "scipy", "yaml")
-HEAVY = ("gymnasium", "matplotlib", "rich", "filterpy", "yaml", "scipy.special", "scipy.stats")
+SLOW = ("filterpy", "matplotlib", "numba", "scipy", "yaml")
+HEAVY = ("gymnasium", "matplotlib", "rich", "filterpy", "yaml", "scipy.special", "scipy.stats", "numba", "llvmlite")
 MAKE = "assert gymnasium.make('SINS/AlignSway-v0', start='told', duration=1.0).reset(seed=1)"
 
 
@@ -40,7 +40,9 @@ def test_the_zoo_is_imported_when_it_is_asked_for():
         "solvers.making" not in fresh("import sys, solvers.types, solvers.blocks.moments; print(*sys.modules)").split()
     )
     for use in ("import solvers; solvers.names()", "import solvers; solvers.filters.FILTERS['ckf']"):
-        assert "solvers.filters.sigma.ckf" in fresh(f"{use}; import sys; print(*sys.modules)").split()
+        loaded = fresh(f"{use}; import sys; print(*sys.modules)").split()
+        assert "solvers.filters.sigma.ckf" in loaded
+        assert {"numba", "llvmlite"}.isdisjoint(loaded)
     assert fresh("from solvers import *; print('ckf' in names(), make('ckf').batched)") == "True True\n"
     assert fresh("import solvers; print(hasattr(solvers, 'nothing'))") == "False\n"
 
@@ -58,7 +60,11 @@ def test_nothing_needs_scipy_stats_to_be_imported():
 def test_the_evaluation_needs_no_scipy_to_be_imported():
     """It is imported anew in each worker, and in each process of a solver."""
     loaded = fresh("import sys, sins_env.evaluation.play.pool; print(*sys.modules)").split()
-    assert [name for name in loaded if name.split(".")[0] in ("scipy", "matplotlib", "rich", "yaml", "filterpy")] == []
+    assert [
+        name
+        for name in loaded
+        if name.split(".")[0] in ("scipy", "matplotlib", "rich", "yaml", "filterpy", "numba", "llvmlite")
+    ] == []
 
 
 ORDERS = {

@@ -12,6 +12,7 @@ SOURCES = sorted((ROOT / "sins_env").rglob("*.py")) + sorted((ROOT / "solvers").
 #: Layers from the bottom up; a module imports from its own layer or from those below.
 LAYERS = (
     ("sins_env.arrays", "sins_env.moved", "sins_env.units", "sins_env.__version__"),
+    ("sins_env.kernels",),
     ("sins_env.checks", "sins_env.presets"),
     ("sins_env.earth", "sins_env.attitude", "sins_env.specs", "sins_env.states"),
     ("sins_env.prior",),
@@ -44,6 +45,7 @@ SHARED = (
     "sins_env.attitude",
     "sins_env.checks",
     "sins_env.earth",
+    "sins_env.kernels",
     "sins_env.moved",
     "sins_env.prior",
     "sins_env.specs",

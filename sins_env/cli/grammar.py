@@ -205,7 +205,11 @@ def _hold_against(verb: Verb) -> None:
     sub.add_argument("solver", metavar="SOLVER", nargs="?", default="ckf", help=f"{_SOLVER} (default ckf)")
     sub.add_argument("--task", default="sway-white-v0", metavar="NAME", help="default sway-white-v0")
     sub.add_argument("--runs", type=count, nargs="+", default=[256, 1], metavar="N", help="batch sizes (default 256 1)")
+    sub.add_argument("--json", action="store_true", help="as JSON, with the versions of what was measured")
     _add_timeout(sub)
+
+    text = "compile the kernels beforehand, which otherwise happens when each is used first"
+    verb("warm", "verbs.warm:warm", text)
 
 
 def _add_settings(sub: argparse.ArgumentParser) -> None:

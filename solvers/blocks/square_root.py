@@ -1,16 +1,19 @@
 """Square roots S of covariances, P = S S', for whole batches; the only place where a covariance is repaired.
 
-A mask over the batch tells which items were repaired, or None if there was none. That common case is a single LAPACK call.
+A mask over the batch tells which items were repaired, or None if there was none.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import cast
 
 import numpy as np
 
 from sins_env.arrays import Array, Mask
+from sins_env.kernels import kernel
+from sins_env.kernels.algebra import dot_rows
 
 Root = Callable[[Array], tuple[Array, Mask | None]]  #: from P (..., n, n) to a root, and which items were repaired
 
@@ -45,10 +48,36 @@ def cholesky(P: Array) -> tuple[Array, Mask | None]:
     units of the states therefore do not matter, and a state of zero variance keeps it. An item that is not finite, or has
     no positive variance left, gets a NaN factor. All other items keep their bits.
     """
-    try:
-        return cast(Array, np.linalg.cholesky(P)), None
-    except np.linalg.LinAlgError:
-        return _cholesky_with_repairs(P)
+    S, bad = factor(P)
+    if not bad.any():
+        return S, None
+    n = P.shape[-1]
+    flat, S, bad = P.reshape(-1, n, n), S.reshape(-1, n, n), bad.reshape(-1)
+    S[bad] = _clipped_factor(flat[bad])
+    repaired = bad & finite_items(S)
+    return S.reshape(P.shape), repaired.reshape(P.shape[:-2]) if repaired.any() else None
+
+
+@kernel("(n,n)->(n,n),()", "dd?")
+def factor(P: Array, S: Array, bad: Mask) -> None:
+    """Return the lower S of P = S S', shape (..., n, n), and a mask (...) of the items that are not positive definite.
+
+    Only the lower triangle of P is read. The factor of a bad item has no meaning.
+    """
+    S[:] = 0.0
+    bad[0] = False
+    for i in range(len(P)):
+        for j in range(i + 1):
+            if not abs(P[i, j]) < math.inf:
+                bad[0] = True
+                return
+        for j in range(i):
+            S[i, j] = (P[i, j] - dot_rows(S, i, j, j)) / S[j, j]
+        pivot = P[i, i] - dot_rows(S, i, i, i)
+        if not pivot > 0.0:
+            bad[0] = True
+            return
+        S[i, i] = math.sqrt(pivot)
 
 
 def svd_root(P: Array) -> tuple[Array, Mask | None]:
@@ -78,11 +107,11 @@ def semidefinite_root(P: Array) -> tuple[Array, Mask | None]:
     diagonal = P * np.eye(P.shape[-1])
     if (diagonal == P).all() and (diagonal >= 0.0).all():
         return np.sqrt(diagonal), None
-    flat = np.ascontiguousarray(P).reshape(-1, *P.shape[-2:])
-    S, bad = np.empty_like(flat), np.zeros(len(flat), dtype=bool)
-    _factor(flat, S, bad)
+    S, bad = factor(P)
     if not bad.any():
-        return S.reshape(P.shape), None
+        return S, None
+    n = P.shape[-1]
+    flat, S, bad = P.reshape(-1, n, n), S.reshape(-1, n, n), bad.reshape(-1)
     scale, correlation = _correlation(flat[bad])
     S[bad], clipped = svd_root(correlation)
     S[bad] *= scale[..., None]
@@ -97,41 +126,15 @@ def indefinite(P: Array, whole: Array | None = None) -> Mask | None:
     Eigenvalues are those of the correlation matrix. With ``whole`` (..., n, n), from which P came by a subtraction, P is
     scaled by the standard deviations of ``whole`` instead.
     """
-    try:
-        np.linalg.cholesky(P)
-    except np.linalg.LinAlgError:
-        finite = finite_items(P)
-        _, correlation = _correlation(np.where(finite[..., None, None], P, 0.0), whole)
-        negative = finite & (np.linalg.eigvalsh(correlation)[..., 0] < -FLOOR)
-        return negative if negative.any() else None
-    return None
+    if not factor(P)[1].any():
+        return None
+    finite = finite_items(P)
+    _, correlation = _correlation(np.where(finite[..., None, None], P, 0.0), whole)
+    negative = finite & (np.linalg.eigvalsh(correlation)[..., 0] < -FLOOR)
+    return negative if negative.any() else None
 
 
 ROOTS: dict[str, Root] = {"cholesky": cholesky, "svd": svd_root}  #: the roots by the name of the setting ``root``
-
-
-def _cholesky_with_repairs(P: Array) -> tuple[Array, Mask | None]:
-    n = P.shape[-1]
-    flat = np.ascontiguousarray(P).reshape(-1, n, n)
-    S = np.empty_like(flat)
-    bad = np.zeros(len(flat), dtype=bool)
-    _factor(flat, S, bad)
-    S[bad] = _clipped_factor(flat[bad])
-    repaired = bad & finite_items(S)
-    return S.reshape(P.shape), repaired.reshape(P.shape[:-2]) if repaired.any() else None
-
-
-def _factor(P: Array, S: Array, bad: Mask) -> None:
-    """Factor every item of P (B, n, n) into S, marking those that fail, by halving the batch."""
-    try:
-        S[:] = np.linalg.cholesky(P)
-    except np.linalg.LinAlgError:
-        if len(P) == 1:
-            bad[:] = True
-            return
-        half = len(P) // 2
-        _factor(P[:half], S[:half], bad[:half])
-        _factor(P[half:], S[half:], bad[half:])
 
 
 def _clipped_factor(P: Array) -> Array:

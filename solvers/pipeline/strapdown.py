@@ -15,9 +15,33 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sins_env import attitude, earth
+from sins_env import earth
 from sins_env.arrays import Array
 from sins_env.earth import Earth
+from sins_env.kernels import helper, kernel
+from sins_env.kernels.algebra import (
+    Vector,
+    add,
+    cross3,
+    dot,
+    from_rotvec,
+    matrix,
+    mix,
+    multiply,
+    normalize,
+    product,
+    put_matrix,
+    put_quaternion,
+    put_row,
+    put_vector,
+    quaternion,
+    row,
+    scale,
+    subtract,
+    to_dcm,
+    turn,
+    vector,
+)
 from sins_env.types import NavState
 
 #: Factors k_ij (i < j) of the coning sum of k_ij dtheta_i x dtheta_j by samples per interval, 000 (2.2.17).
@@ -74,11 +98,66 @@ def _coupling(samples: int) -> Array:
 #: Coefficients of sculling by the number of samples in an interval.
 COUPLING = {samples: _coupling(samples) for samples in CONING}
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
+_NOT_USED = np.zeros(6)
 
 
 def cross(a: Array, b: Array) -> Array:
     """Return a x b along the last axis; this is faster than np.cross for small arrays."""
     return a[..., _NEXT] * b[..., _AFTER] - a[..., _AFTER] * b[..., _NEXT]
+
+
+@helper
+def sample(dtheta: Array, dvel: Array, last: Array, i: int) -> tuple[Vector, Vector]:
+    """Return dtheta and dvel of sample i of an epoch; the one before the first is ``last``."""
+    if i < 0:
+        return (last[0], last[1], last[2]), (last[3], last[4], last[5])
+    return row(dtheta, i), row(dvel, i)
+
+
+@helper
+def interval(dtheta: Array, dvel: Array, last: Array, kappa: Array, start: int, end: int) -> tuple[Vector, Vector]:
+    """Return rotation vector and velocity increment of the interval of samples ``start`` to ``end``, in its first body axes."""
+    theta, vel, coning, sculling = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for j in range(start, end):
+        angle, speed = row(dtheta, j), row(dvel, j)
+        theta, vel = add(theta, angle), add(vel, speed)
+        window = end - len(kappa)
+        for i in range(window, j):
+            k = kappa[i - window, j - window]
+            before, slower = sample(dtheta, dvel, last, i)
+            coning = add(coning, scale(k, cross3(before, angle)))
+            sculling = add(sculling, scale(k, add(cross3(before, speed), cross3(slower, angle))))
+    x2 = dot(theta, theta)
+    a = 0.5 - x2 * (1 / 24 - x2 * (1 / 720 - x2 / 40320))  # (1 - cos x) / x^2
+    b = 1 / 6 - x2 * (1 / 120 - x2 * (1 / 5040 - x2 / 362880))  # (1 - sin x / x) / x^2
+    once = cross3(theta, vel)
+    turned = add(scale(a, once), scale(b, cross3(theta, once)))
+    return add(theta, coning), add(add(vel, turned), sculling)
+
+
+@kernel("(s,3),(s,3),(6),(w,w),(m)->(m,3),(m,3)")
+def _intervals(
+    dtheta: Array, dvel: Array, last: Array, kappa: Array, middles: Array, rotation: Array, dvel_b: Array
+) -> None:
+    samples = len(dtheta) // len(middles)
+    for j in range(len(middles)):
+        theta, vel = interval(dtheta, dvel, last, kappa, j * samples, (j + 1) * samples)
+        put_row(theta, rotation, j)
+        put_row(vel, dvel_b, j)
+
+
+@kernel("(m,3),(m,3)->(m,4),(m,3)")
+def chain(rotation: Array, dvel_b: Array, ends: Array, steps: Array) -> None:
+    """Join the intervals of an epoch, in the body axes at its start.
+
+    Rotation vectors (..., intervals, 3) and velocity increments come in. The quaternions (..., intervals, 4) of the body at the
+    ends of the intervals go out, and the velocity increments (..., intervals, 3) in m/s.
+    """
+    q = (1.0, 0.0, 0.0, 0.0)
+    for j in range(len(rotation)):
+        put_row(turn(to_dcm(q), row(dvel_b, j)), steps, j)
+        q = multiply(q, from_rotvec(row(rotation, j)))
+        ends[j, 0], ends[j, 1], ends[j, 2], ends[j, 3] = q
 
 
 def interval_increments(dtheta: Array, dvel: Array, last: Array | None) -> tuple[Array, Array]:
@@ -88,36 +167,17 @@ def interval_increments(dtheta: Array, dvel: Array, last: Array | None) -> tuple
     intervals of one sample. Equations 000 (2.2.17) and (2.2.33), corrected; the exact rotation term of
     docs/mathematics/strapdown.md#coning-and-sculling replaces (2.2.32).
     """
-    n_sub = dtheta.shape[-2]
-    samples = samples_per_interval(n_sub)
-    shape = (*dtheta.shape[:-2], n_sub // samples, samples, 3)
-    # Components are in front, because NumPy is fast on planes (6, samples, ..., intervals).
-    groups = np.empty((6, max(samples, 2), *shape[:-2]))
-    order = (len(shape) - 1, len(shape) - 2, *range(len(shape) - 2))
-    groups[:3, -samples:] = dtheta.reshape(shape).transpose(order)
-    groups[3:, -samples:] = dvel.reshape(shape).transpose(order)
-    if samples == 1:
-        groups[:, 0, ..., 1:] = groups[:, 1, ..., :-1]
-        groups[:, 0, ..., 0] = (
-            groups[:, 1, ..., 0] if last is None else last.transpose(last.ndim - 1, *range(last.ndim - 1))
-        )
-        total = groups[:, 1]
-    else:
-        total = groups.sum(axis=1)
-    flat = groups.reshape(2, 3, groups.shape[1], -1)
-    mixed = np.matmul(COUPLING[samples], flat)
-    theta, vel = total.reshape(2, 3, -1)
-    # dtheta_i x kappa_ij dtheta_j and dtheta_i x kappa_ij dvel_j, summed over the samples
-    coning, sculling = np.add.reduce(
-        attitude.cross_planes(flat[0][:, None], mixed.transpose(1, 0, 2, 3)), axis=2
-    ).transpose(1, 0, 2)
-    rotation = theta + 0.5 * coning
-    theta2 = np.add.reduce(theta * theta, axis=0)
-    first = attitude.cross_planes(theta, vel)
-    a = 0.5 - theta2 * (1 / 24 - theta2 * (1 / 720 - theta2 / 40320))  # (1 - cos x) / x^2
-    b = 1 / 6 - theta2 * (1 / 120 - theta2 * (1 / 5040 - theta2 / 362880))  # (1 - sin x / x) / x^2
-    dvel_b = vel + a * first + b * attitude.cross_planes(theta, first) + sculling
-    return rotation.T.reshape(*shape[:-2], 3), dvel_b.T.reshape(*shape[:-2], 3)
+    samples = samples_per_interval(dtheta.shape[-2])
+    middles = np.empty(dtheta.shape[-2] // samples)
+    rotation, dvel_b = _intervals(dtheta, dvel, _before(dtheta, dvel, last), COUPLING[samples], middles)
+    return rotation, dvel_b
+
+
+def _before(dtheta: Array, dvel: Array, last: Array | None) -> Array:
+    """Return the sample (..., 6) before the epoch, for intervals of one sample; without one it is taken to be as the first."""
+    if samples_per_interval(dtheta.shape[-2]) > 1:
+        return _NOT_USED
+    return np.concatenate([dtheta[..., 0, :], dvel[..., 0, :]], axis=-1) if last is None else last
 
 
 def carried_sample(dtheta: Array, dvel: Array) -> Array | None:
@@ -134,21 +194,39 @@ def end_rate(dtheta: Array, epoch_s: float) -> Array:
     return (1.5 * last - 0.5 * dtheta[..., -2, :] if n_sub > 1 else last) * (n_sub / epoch_s)
 
 
-def chain(rotation: Array, dvel_b: Array) -> tuple[Array, Array, Array]:
-    """Join the intervals of an epoch, in the body axes at its start.
-
-    Return quaternions (..., intervals + 1, 4) and matrices (..., intervals + 1, 3, 3) of the body, and velocity increments
-    (..., intervals, 3) in m/s. The first quaternion and matrix are those of the start, the others of the ends of intervals.
-    """
-    turns = attitude.right_matrix(attitude.from_rotvec(rotation))
-    intervals = rotation.shape[-2]
-    relative = np.empty((*rotation.shape[:-2], intervals + 1, 4))
-    relative[..., 0, :] = q = np.array([1.0, 0.0, 0.0, 0.0])
+@kernel("(4),(3),(s,3),(s,3),(6),(w,w),(m),(),(3),(3,3),(3)->(4),(3),(3,3),(3),(3),(3)")
+def _advance(
+    q_nb: Array, vel: Array, dtheta: Array, dvel: Array, last: Array, kappa: Array, middles: Array, h: float,
+    rate_ie: Array, transport: Array, gravity: Array,
+    new_q: Array, new_vel: Array, mean_C: Array, dvel_n: Array, mean_vel: Array, rate_en: Array,
+) -> None:  # fmt: skip
+    intervals = len(middles)
+    samples = len(dtheta) // intervals
+    # in the body axes at the start of the epoch: rotation so far, sum of velocity increments and its moment in time
+    q, body = (1.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    total, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    mean = mix(0.5, body, 0.0, body)  # trapezoid
     for j in range(intervals):
-        q = np.matmul(turns[..., j, :, :], q[..., None])[..., 0]
-        relative[..., j + 1, :] = q
-    bodies = attitude.to_dcm(relative)
-    return relative, bodies, np.matmul(bodies[..., :-1, :, :], dvel_b[..., None])[..., 0]
+        rotation, dvel_b = interval(dtheta, dvel, last, kappa, j * samples, (j + 1) * samples)
+        step = turn(body, dvel_b)
+        total, moment = add(total, step), add(moment, scale(middles[j], step))
+        q = multiply(q, from_rotvec(rotation))
+        body = to_dcm(q)
+        mean = mix(1.0, mean, 0.5 if j == intervals - 1 else 1.0, body)
+    q0, v = quaternion(q_nb), vector(vel)
+    C, T, earth_rate, g = to_dcm(q0), matrix(transport), vector(rate_ie), vector(gravity)
+    force, moment = turn(C, total), turn(C, moment)
+    middle = add(v, scale(0.5, add(force, scale(h, g))))
+    carried = turn(T, middle)
+    rate_in = add(earth_rate, carried)
+    force = subtract(force, cross3(rate_in, moment))  # the navigation frame turns during the epoch
+    after = add(add(v, force), scale(h, subtract(g, cross3(add(earth_rate, rate_in), middle))))
+    put_quaternion(normalize(multiply(from_rotvec(scale(-h, rate_in)), multiply(q0, q))), new_q)
+    put_vector(after, new_vel)
+    put_matrix(product(C, mix(1.0 / intervals, mean, 0.0, mean)), mean_C)
+    put_vector(force, dvel_n)
+    put_vector(scale(0.5, add(v, after)), mean_vel)
+    put_vector(carried, rate_en)
 
 
 class Strapdown:
@@ -156,11 +234,10 @@ class Strapdown:
 
     def __init__(self, model: Earth, epoch_s: float, n_sub: int, site_pos: Array, hold_position: bool) -> None:
         self.model, self.epoch_s, self.n_sub, self.hold_position = model, epoch_s, n_sub, hold_position
-        intervals = n_sub // samples_per_interval(n_sub)
-        middles = (np.arange(intervals) + 0.5) * (epoch_s / intervals)  # s into the epoch
-        self._moments = np.stack([np.ones(intervals), middles])
-        self._weights = np.full(intervals + 1, 1.0 / intervals)  # trapezoid
-        self._weights[[0, -1]] *= 0.5
+        samples = samples_per_interval(n_sub)
+        intervals = n_sub // samples
+        self._kappa = COUPLING[samples]
+        self._middles = (np.arange(intervals) + 0.5) * (epoch_s / intervals)  # s into the epoch
         self._site = self._place(np.asarray(site_pos))
 
     def start(self, nav: NavState) -> StrapdownState:
@@ -180,21 +257,10 @@ class Strapdown:
         (q_nb, vel, pos), h = state.nav, self.epoch_s
         half = pos if self.hold_position else earth.displace(self.model, pos, 0.5 * h * vel)  # at mid-epoch
         rate_ie, transport, gravity, slope = self._site if self.hold_position else self._place(half)
-        rotation, dvel_b = interval_increments(dtheta, dvel, state.last)
-        relative, bodies, steps = chain(rotation, dvel_b)
-        moments = np.matmul(self._moments, steps)  # (..., 2, 3): sum, and first moment in time
-        C0 = attitude.to_dcm(q_nb)
-        sums = np.matmul(moments, np.swapaxes(C0, -1, -2))
-        force, moment = sums[..., 0, :], sums[..., 1, :]
-        middle = vel + 0.5 * (force + h * gravity)
-        rate_en = np.matmul(transport, middle[..., None])[..., 0]
-        rate_in = rate_ie + rate_en
-        force = force - cross(rate_in, moment)  # the navigation frame turns during the epoch
-        new_vel = vel + force + h * (gravity - cross(rate_ie + rate_in, middle))
-        new_q = attitude.multiply(attitude.from_rotvec(-h * rate_in), attitude.multiply(q_nb, relative[..., -1, :]))
-        new_q = attitude.normalize(new_q)
-        middle = 0.5 * (vel + new_vel)
+        last = _before(dtheta, dvel, state.last)
+        new_q, new_vel, C, dvel_n, middle, rate_en = _advance(
+            q_nb, vel, dtheta, dvel, last, self._kappa, self._middles, h, rate_ie, transport, gravity
+        )
         new_pos = pos if self.hold_position else earth.displace(self.model, pos, h * middle, at=half)  # (2.2.37-39)
-        mean = np.matmul(self._weights, bodies.reshape(*bodies.shape[:-2], 9)).reshape(C0.shape)
-        motion = EpochMotion(h, np.matmul(C0, mean), force, middle, rate_ie, rate_en, transport, slope)
+        motion = EpochMotion(h, C, dvel_n, middle, rate_ie, rate_en, transport, slope)
         return StrapdownState(NavState(new_q, new_vel, new_pos), carried_sample(dtheta, dvel)), motion

@@ -333,6 +333,11 @@ def test_bench(cli, monkeypatch):
     assert (code, err) == (0, [])
     assert out.count("whole chain") == 2
     assert "the estimator's in a process of its own" in " ".join(out.split())
+    code, out, err = cli("bench", GOOD, "--runs", 4, "--json")
+    found = json.loads(out)
+    assert (code, err, set(found["versions"])) == (0, [], {"sins-env", "numpy", "numba"})
+    assert [one["part"] for one in found["cpu_time"]] == ["whole chain", "environment", "estimator"]
+    assert all(one["runs"] == 4 and one["epoch_us"] > 0 for one in found["cpu_time"])
     code, out, err = cli("bench", PLUGIN + "OneByOne", "--runs", 4, 1)
     assert (code, err) == (0, [f"{PLUGIN}OneByOne takes one run at a time: 1 run instead of 4"])
     assert out.count("whole chain") == 1

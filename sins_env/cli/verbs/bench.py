@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.metadata
+import json
+import platform
 from argparse import Namespace
+from collections.abc import Sequence
+from typing import Any
 
 from rich.console import Console
 
@@ -29,6 +34,9 @@ def bench(given: Namespace, console: Console) -> int:
         raise RunFailed(f"{given.solver} on {given.task}: {error}") from error
     for text in remarks:
         remark(text)
+    if given.json:
+        print(json.dumps(_figures(given, speeds), indent=2))
+        return 0
     table = titled(f"{given.solver} on {given.task}")
     table.add_column("part")
     for name in ("runs", "x real time\nper core", "us per run\nand epoch"):
@@ -40,6 +48,19 @@ def bench(given: Namespace, console: Console) -> int:
     table.caption, table.caption_justify = _measured(apart is not None), "left"
     console.print(table)
     return 0
+
+
+def _figures(given: Namespace, speeds: Sequence[speed.Speed]) -> dict[str, Any]:
+    """Return the figures of the table, with what they were measured with."""
+    versions = {name: importlib.metadata.version(name) for name in ("sins-env", "numpy", "numba")}
+    return {
+        "solver": given.solver,
+        "task": given.task,
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "versions": versions,
+        "cpu_time": [one._asdict() for one in speeds],
+    }
 
 
 def _measured(apart: bool) -> str:

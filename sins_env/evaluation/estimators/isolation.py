@@ -20,6 +20,7 @@ from sins_env.arrays import Array, Obs
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.estimators.child import START_S, UNSENDABLE, Child
 from sins_env.evaluation.estimators.guard import Clock, EstimatorError, Guard, Guarded, Health
+from sins_env.kernels.warming import ready
 
 
 def check_timeout(seconds: float | None) -> None:
@@ -117,10 +118,13 @@ class Isolated:
 def hosted(solver: finding.Solver, settings: Mapping[str, Any] | None, timeout_s: float | None) -> Iterator[Host]:
     """Yield the solver in this process or, with a time limit, in one of its own, which ends with the context.
 
+    Kernels are compiled before, because time spent on it is not the solver's.
+
     Raises:
         ValueError: no such solver, settings that it refuses, or a limit that is not positive.
     """
     host: Host = Here(solver, settings) if timeout_s is None else Isolated(solver, settings, timeout_s)
+    ready()
     try:
         yield host
     finally:

@@ -21,6 +21,7 @@ from sins_env.evaluation.play.job import Job
 from sins_env.evaluation.play.playing import run_job
 from sins_env.evaluation.play.pool import Finished, Processes, Progress, available_cores
 from sins_env.evaluation.play.records import Records
+from sins_env.kernels.warming import ready
 
 EXECUTORS = ("processes", "dask")
 
@@ -149,6 +150,7 @@ def runner(
         raise ValueError(f"workers = {workers!r}; allowed: at least 1")
     check_executor(executor)
     workers = workers or available_cores()
+    ready()  # before workers start, which would wait for each other
     if executor == "dask":
         with dask_client(workers) as client:
             yield Borrowed(client.get_executor())

@@ -40,9 +40,9 @@ class InertialFrame(ABC):
         self._k += 1
         rotation, dvel_b = interval_increments(obs["dtheta"], obs["dvel"], self._last)
         self._last = carried_sample(obs["dtheta"], obs["dvel"])
-        relative, _, steps = chain(rotation, dvel_b)
+        ends, steps = chain(rotation, dvel_b)
         self._v_b = self._v_b + self._in_start_axes(steps.sum(axis=-2))
-        self._q = attitude.normalize(attitude.multiply(self._q, relative[..., -1, :]))
+        self._q = attitude.normalize(attitude.multiply(self._q, ends[..., -1, :]))
         self._keep(self._v_b, np.broadcast_to(self._gravity_integral(), self._v_b.shape), obs)
 
     def attitude(self) -> Array:

@@ -131,10 +131,10 @@ class Coning:
         _, rate0, f0 = self.at(edges[:1] - half)
         last = np.concatenate([2 * half * rate0[0], 2 * half * f0[0]])
         rotation, dvel_b = S.interval_increments(dtheta, dvel, last)
-        relative, _, steps = S.chain(rotation, dvel_b)
+        ends, steps = S.chain(rotation, dvel_b)
         q0 = self.at(np.zeros(1))[0][0]
         vel = attitude.to_dcm(q0) @ steps.sum(axis=0)
-        end = attitude.multiply(q0, relative[-1])
+        end = attitude.multiply(q0, ends[-1])
         true_end = self.at(np.array([duration]))[0][0]
         return attitude.rotation_angle(attitude.multiply(end, attitude.conjugate(true_end))), np.linalg.norm(
             vel - truth

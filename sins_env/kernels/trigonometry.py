@@ -1,0 +1,58 @@
+"""Sine and cosine that the compiler turns into vector code, which calls of the C library would prevent."""
+
+from __future__ import annotations
+
+import math
+
+from sins_env.arrays import Array
+from sins_env.kernels.compiling import helper
+
+LARGEST = 1e5  #: rad; beyond it the reduction loses digits, and :func:`sincos_row` calls the C library
+
+_ROUND = 6755399441055744.0  # 1.5 * 2^52: adding and subtracting it rounds to the nearest whole number
+_TWO_OVER_PI = 2.0 / math.pi
+# pi / 2 in three parts; the first two have 33 bits, so that their products with a small whole number are exact
+_PI_A, _PI_B, _PI_C = 1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21
+
+
+@helper
+def sincos(x: float) -> tuple[float, float]:
+    """Return sine and cosine of an angle up to ``LARGEST``, to one unit in the last place; NaN gives NaN.
+
+    The polynomials are those of fdlibm (k_sin.c, k_cos.c) on [-pi/4, pi/4].
+    """
+    n = (x * _TWO_OVER_PI + _ROUND) - _ROUND
+    r = ((x - n * _PI_A) - n * _PI_B) - n * _PI_C
+    z = r * r
+    p = 1.58969099521155010221e-10
+    p = -2.50507602534068634195e-08 + z * p
+    p = 2.75573137070700676789e-06 + z * p
+    p = -1.98412698298579493134e-04 + z * p
+    p = 8.33333333332248946124e-03 + z * p
+    p = -1.66666666666666324348e-01 + z * p
+    sine = r + r * z * p
+    p = -1.13596475577881948265e-11
+    p = 2.08757232129817482790e-09 + z * p
+    p = -2.75573143513906633035e-07 + z * p
+    p = 2.48015872894767294178e-05 + z * p
+    p = -1.38888888888741095749e-03 + z * p
+    p = 4.16666666666666019037e-02 + z * p
+    half = 0.5 * z
+    w = 1.0 - half
+    cosine = w + (((1.0 - w) - half) + z * z * p)
+    # n modulo 4, from -2 to 2, is the quadrant
+    m = n - 4.0 * ((0.25 * n + _ROUND) - _ROUND)
+    square = m * m  # only equality is asked for, since a comparison by size raises a flag for NaN
+    a = cosine if square == 1.0 else sine
+    b = sine if square == 1.0 else cosine
+    return (-a if square == 4.0 or m == -1.0 else a), (-b if square == 4.0 or m == 1.0 else b)
+
+
+@helper
+def sincos_row(x: Array, s: Array, c: Array, count: int) -> None:
+    """Fill the rows ``s`` and ``c`` with sine and cosine of the first ``count`` angles of the row ``x``."""
+    for i in range(count):
+        s[i], c[i] = sincos(x[i])
+    for i in range(count):
+        if abs(x[i]) > LARGEST:
+            s[i], c[i] = math.sin(x[i]), math.cos(x[i])

@@ -1,0 +1,290 @@
+"""Kernels: what the decorator makes of a function, the cache, and what holds for every kernel of the project."""
+
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evaluation.short import SHORT
+from places import ROOT
+
+import solvers
+from sins_env.evaluation import get_task
+from sins_env.kernels import Kernel, helper, interpreted, kernel
+from sins_env.kernels.compiling import FOLDER, KERNELS, OFF, cache_folder
+from sins_env.kernels.trigonometry import LARGEST, sincos_row
+from sins_env.kernels.warming import cold, import_kernels
+
+FACTOR = 3.0
+
+
+@helper
+def scaled(x, k):
+    return FACTOR * x * k
+
+
+@kernel("(n),(n,m),()->(m),()", "ddqd?")
+def weighted(w, a, k, out, positive):
+    """Return k w' a and its sign."""
+    positive[0] = True
+    for j in range(a.shape[1]):
+        out[j] = 0.0
+        for i in range(len(w)):
+            out[j] += scaled(w[i] * a[i, j], k)
+        positive[0] = positive[0] and out[j] > 0.0
+
+
+@kernel("(3)->(4)")
+def longer(x, out):
+    out[0] = 1.0
+    for i in range(3):
+        out[i + 1] = x[i]
+
+
+@kernel("(n)->(n),(n)")
+def both(x, s, c):
+    sincos_row(x, s, c, len(x))
+
+
+@pytest.fixture(params=["compiled", "interpreted"])
+def way(request):
+    if request.param == "compiled":
+        yield
+    else:
+        with interpreted():
+            yield
+
+
+@pytest.mark.usefixtures("way")
+def test_batch_axes_are_broadcast():
+    rng = np.random.default_rng(1)
+    w, a = rng.standard_normal((5, 1, 4)), rng.standard_normal((6, 4, 3))
+    out, positive = weighted(w, a, 2)
+    np.testing.assert_allclose(out, 6.0 * np.einsum("bxi,cij->bcj", w, a), rtol=1e-13)
+    assert positive.dtype == bool
+    np.testing.assert_array_equal(positive, (out > 0).all(axis=-1))
+    alone, _ = weighted(w[2, 0], a[3], 2)
+    np.testing.assert_array_equal(out[2, 3], alone)
+    assert longer([1, 2, 3]).tolist() == [1.0, 1.0, 2.0, 3.0]
+    assert longer(np.zeros((0, 3))).shape == (0, 4)
+
+
+@pytest.mark.usefixtures("way")
+def test_shapes_that_do_not_fit():
+    with pytest.raises(
+        ValueError,
+        match=r"weighted: Input operand 1 has a mismatch .*\(n,m\),\(\)->.* 3 is different from 4",
+    ):
+        weighted(np.ones(4), np.ones((3, 2)), 1)
+    with pytest.raises(ValueError, match=r"longer: .*\(3\)->\(4\) \(size 4 is different from 3\)"):
+        longer(np.ones(4))
+    with pytest.raises(ValueError, match="broadcast"):
+        weighted(np.ones((2, 4)), np.ones((3, 4, 2)), 1)
+
+
+def test_a_kernel_is_found_by_its_name():
+    assert pickle.loads(pickle.dumps(longer)) is longer
+    assert repr(longer) == "<kernel test_kernels.longer (3)->(4)>"
+    assert weighted.__doc__ == "Return k w' a and its sign."
+    assert callable(weighted.py_func)
+
+
+def test_names_that_the_compiler_cannot_follow():
+    def unmarked(x):
+        return x
+
+    scope = {"unmarked": unmarked, "helper": helper, "os": os}
+    for body, text in (
+        ("unmarked(x[0])", "calls unmarked; allowed: functions marked"),
+        ("os.sep", "uses module os; allowed"),
+    ):
+        exec(f"def k(x, out):\n    out[0] = {body}", scope)
+        with pytest.raises(TypeError, match=text):
+            Kernel(scope["k"], "(n)->(n)").folder  # noqa: B018
+        KERNELS.pop()
+
+
+def test_sine_and_cosine():
+    """In every quadrant and at the borders; beyond the range of the polynomials by the C library."""
+    rng = np.random.default_rng(2)
+    borders = np.arange(-40, 41) * np.pi / 4
+    x = np.concatenate(
+        [
+            rng.uniform(-7, 7, 4001),
+            borders,
+            borders + 1e-9,
+            rng.uniform(-LARGEST, LARGEST, 999),
+            [0.0, 1e-300, 1e9, -1e22],
+        ]
+    )
+    s, c = both(x)
+    assert np.abs(s - np.sin(x)).max() < 2.3e-16
+    assert np.abs(c - np.cos(x)).max() < 2.3e-16
+    assert s[list(x).index(1e-300)] == 1e-300
+    np.testing.assert_array_equal(both(x[:3])[0], s[:3])
+
+
+def test_python_bodies_are_switched_by_an_environment_variable(monkeypatch):
+    monkeypatch.setenv(OFF, "1")
+    fresh = Kernel(longer.py_func, "(3)->(4)")
+    KERNELS.pop()
+    assert not isinstance(fresh.ufunc, np.ufunc)
+    assert not fresh.cold
+    monkeypatch.setenv(OFF, "0")
+    with interpreted():
+        assert not isinstance(longer.ufunc, np.ufunc)
+    assert os.environ[OFF] == "0"
+    assert isinstance(longer.ufunc, np.ufunc)
+
+
+def actions(task, name, epochs=4):
+    """Actions of the first epochs of one run, (epochs, ...)."""
+    env, solver = task.make(1), solvers.make(name)
+    obs, _ = task.reset(env, (0,))
+    solver.reset(env.unwrapped.task, [np.random.default_rng(5)])
+    found = []
+    for _ in range(epochs):
+        found.append(solver.step(obs if solver.batched else {key: value[0] for key, value in obs.items()}))
+        obs = env.step(found[-1] if solver.batched else found[-1][None])[0]
+    env.close()
+    return np.array(found)
+
+
+@pytest.mark.parametrize("task", [SHORT, get_task("flight-lu-gauss-v0")], ids=lambda task: task.name)
+def test_the_zoo_on_the_bodies_of_its_kernels(task):
+    """The compiler reorders nothing, so that little more than the last bits of library functions may differ."""
+    told = [name for name in solvers.names() if name not in ("coarse_only", "two_pass")]
+    some = told if task is SHORT else ["ekf", "inekf", "ckf"]
+    compiled = [actions(task, name) for name in some]
+    with interpreted():
+        by_python = [actions(task, name) for name in some]
+    for name, one, other in zip(some, compiled, by_python, strict=True):
+        np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+def every_kernel():
+    return [
+        one
+        for one in import_kernels(["sins_env", "solvers"])
+        if one.__module__.split(".")[0] in ("sins_env", "solvers")
+    ]
+
+
+def test_every_kernel_is_found():
+    found = {f"{one.__module__}.{one.__qualname__}" for one in every_kernel()}
+    text = "".join(path.read_text() for folder in ("sins_env", "solvers") for path in (ROOT / folder).rglob("*.py"))
+    assert len(found) == text.count("\n@kernel(")
+    assert solvers.__name__ in {name.split(".")[0] for name in found}
+
+
+SIZES = {"n": 10, "s": 30, "m": 10, "w": 3, "p": 20, "k": 3}
+
+
+@pytest.mark.parametrize("one", every_kernel(), ids=lambda one: f"{one.__module__}.{one.__qualname__}")
+def test_a_row_of_a_batch_is_the_run_alone(one):
+    """Bit for bit, at every place of a batch of 1 to 9, whatever the numbers."""
+    rng = np.random.default_rng(3)
+    inputs = []
+    for i, shape in enumerate(one.inputs):
+        sizes = [int(s) if s.isdigit() else SIZES.get(s, 4) for s in shape.split(",") if s]
+        a = rng.standard_normal((9, *sizes))
+        if len(sizes) == 2 and sizes[0] == sizes[1]:
+            a = a @ a.mT + np.eye(sizes[0])
+        inputs.append(a.astype(one.dtypes[i]))
+    with np.errstate(all="ignore"):
+        for runs in (9, 4):
+            whole = one(*(a[:runs] for a in inputs))
+            for i in range(runs):
+                alone = one(*(a[i] for a in inputs))
+                for x, y in zip(_tuple(whole), _tuple(alone), strict=True):
+                    np.testing.assert_array_equal(x[i], y)
+
+
+def _tuple(out):
+    return out if isinstance(out, tuple) else (out,)
+
+
+MODULE = """
+from sins_env.kernels import kernel
+from {name}_helpers import twice
+
+@kernel("(n)->(n)")
+def double(x, out):
+    for i in range(len(x)):
+        out[i] = twice(x[i])
+"""
+HELPERS = """
+from sins_env.kernels import helper
+
+@helper
+def twice(x):
+    return {factor} * x
+"""
+
+
+def in_fresh_process(folder, code, **environment):
+    environment = {**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}", **environment}
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        cwd=folder,
+    )
+
+
+CALL = "import own; print(own.double.cold, own.double([1.0])[0])"
+
+
+@pytest.fixture
+def own(tmp_path):
+    (tmp_path / "own.py").write_text(MODULE.format(name="own"))
+    (tmp_path / "own_helpers.py").write_text(HELPERS.format(factor=2.0))
+    return tmp_path
+
+
+def said(process):
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    return out, err
+
+
+def test_cold_processes_compile_once_and_an_edit_of_a_helper_renews(own):
+    cache = own / "cache"
+    both = [in_fresh_process(own, CALL, **{FOLDER: str(cache)}) for _ in range(2)]
+    for process in both:
+        assert said(process)[0].split()[1] == "2.0"
+    assert len(list(cache.rglob("guf-*.nbc"))) == 1
+    assert said(in_fresh_process(own, CALL, **{FOLDER: str(cache)}))[0] == "False 2.0\n"
+    assert not list(own.rglob("__pycache__/*.nb?"))
+    (own / "own_helpers.py").write_text(HELPERS.format(factor=5.0))
+    assert said(in_fresh_process(own, CALL, **{FOLDER: str(cache)}))[0] == "True 5.0\n"
+
+
+def test_a_cache_that_cannot_be_written(own):
+    (own / "file").write_text("")
+    out, err = said(in_fresh_process(own, CALL, **{FOLDER: str(own / "file" / "cache")}))
+    assert out == "True 2.0\n"
+    assert "cannot be written" in err
+    assert f"set {FOLDER} to a folder that can" in err
+
+
+def test_the_folder_of_the_cache(monkeypatch, tmp_path):
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    assert cache_folder() == tmp_path
+    monkeypatch.delenv(FOLDER)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_folder() == tmp_path / "sins_env" / "kernels"
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    assert cache_folder() == Path.home() / ".cache" / "sins_env" / "kernels"
+
+
+def test_warm(cli):
+    code, out, _ = cli("warm")
+    assert code == 0
+    assert str(cache_folder()) in out.replace("\n", "")
+    assert [one for one in cold() if one in every_kernel()] == []
