@@ -36,7 +36,10 @@ _SUITE = (
     "A hidden suite: draw a seed of at least 64 bits (python -c 'import secrets; print(secrets.randbits(128))'), publish "
     "its hash, evaluate with --seed -, and publish the seed in the end. Results files hold the first 16 digits only."
 )
-_VERIFY_CODES = "Exit code 1: a run differs, or none could be run again."
+_VERIFY_CODES = (
+    "Exit code 1: a run differs, or none could be run again. What only the file names is never imported, for it may be a "
+    "stranger's: a solver by name must be installed, and a module:Factory must be named with --solver."
+)
 _TABLES = (
     "What is printed, ours with its 95 % interval, and a verdict. Runs are kept in DIR/results.sqlite and made once; an "
     "interrupted command goes on where it was."

@@ -114,13 +114,18 @@ def export(given: Namespace, console: Console) -> int:
 
 
 def verify(given: Namespace, console: Console) -> int:
-    """Run random rows of a results file again, and print the differences."""
+    """Run random rows of a results file again, and print the differences.
+
+    Raises:
+        RunFailed: runs that differ, or none that could be run again.
+    """
     with Store(given.db, read_only=True) as store:
         keys = _chosen(given, store)
-        apart = any(isolation.limit(solver) is not None for solver in {key.solver for key in keys})
+        solvers = [name for name in {key.solver for key in keys} if verification.may_run(name, given.solver)]
+        apart = any(isolation.limit(solver) is not None for solver in solvers)
         with runner(None, given.workers, given.rows, apart) as where, Bar(f"verifying {given.db}") as bar:
             found = verification.verify(
-                store, keys, given.rows, given.seed, given.draw, where=where, progress=bar.update
+                store, keys, given.rows, given.seed, given.draw, trusted=given.solver, where=where, progress=bar.update
             )
     for reason, count in found.left_out.items():
         remark(f"not verifiable, {count} run{'s' * (count != 1)}: {reason}")

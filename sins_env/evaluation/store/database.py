@@ -5,12 +5,12 @@ from __future__ import annotations
 import itertools
 import os
 import sqlite3
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
+from sins_env.evaluation.store import inspection
 from sins_env.evaluation.store.schema import MIGRATIONS, REINDEX, SCHEMA, SCHEMA_VERSION
 
 APPLICATION_ID = 0x53494E53  #: mark of our files in the SQLite header, "SINS"
@@ -23,6 +23,8 @@ class StoreError(ValueError):
 
 class Database:
     """An open results file, which is a context manager. With ``read_only`` it never creates or changes the file.
+
+    The whole file is inspected before anything else is read from it or written to it (``inspection``).
 
     Raises:
         StoreError: no such file, not a results file, a newer schema, or no access.
@@ -61,7 +63,10 @@ class Database:
                 raise StoreError(f"{self.path}: an empty file, no results")
             if old:
                 self._read_a_migrated_copy()
+            self._inspect()
             return
+        if not (empty or old):
+            self._inspect()
         db.execute("PRAGMA journal_mode = WAL")
         with self.transaction():
             if db.execute("SELECT count(*) FROM sqlite_master").fetchone() == (0,):
@@ -69,15 +74,38 @@ class Database:
                     db.execute(statement)
                 db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
                 db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
-            _migrate(db)
+            if self._migrate():
+                self._inspect()
+
+    def _inspect(self) -> None:
+        try:
+            inspection.inspect(self.connection)
+        except ValueError as error:
+            raise StoreError(f"{self.path}: {error}") from error
+
+    def _migrate(self) -> bool:
+        """Migrate the tables to the present schema, step by step; return whether they were older."""
+        db = self.connection
+        (found,) = db.execute("PRAGMA user_version").fetchone()
+        if found == SCHEMA_VERSION:
+            return False
+        try:
+            inspection.inspect_kinds(db)
+        except ValueError as error:
+            raise StoreError(f"{self.path}: {error}") from error
+        steps = itertools.chain.from_iterable(MIGRATIONS[version] for version in range(found, SCHEMA_VERSION))
+        for statement in [*steps, *REINDEX]:
+            db.execute(statement)
+        db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        return True
 
     def _read_a_migrated_copy(self) -> None:
-        """Copy an older file into memory and migrate the copy, for a file opened to be read stays as it is."""
-        copy = _connect(":memory:")
+        """Migrate a temporary copy of an older file, for a file opened to be read stays as it is."""
+        copy = _connect("")
         self.connection.backup(copy)
         self.connection.close()
         self.connection = copy
-        _migrate(copy)
+        self._migrate()
 
     def __enter__(self) -> Self:
         return self
@@ -120,22 +148,15 @@ class Database:
         """Turn the exceptions of a damaged row into a StoreError that names what cannot be read."""
         try:
             yield
-        except (TypeError, ValueError, KeyError, zlib.error) as error:
+        except (TypeError, ValueError, KeyError) as error:
             raise StoreError(f"{self.path}: {what} cannot be read ({error})") from error
-
-
-def _migrate(db: sqlite3.Connection) -> None:
-    """Migrate the tables to the present schema, step by step."""
-    (found,) = db.execute("PRAGMA user_version").fetchone()
-    steps = [MIGRATIONS[version] for version in range(found, SCHEMA_VERSION)]
-    for statement in [*itertools.chain.from_iterable(steps), *(REINDEX if steps else ())]:
-        db.execute(statement)
-    db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 
 def _connect(target: str | Path) -> sqlite3.Connection:
     """Connect to a file or an SQLite URI, without an isolation level, so that transactions begin explicitly."""
-    return sqlite3.connect(target, timeout=BUSY_S, isolation_level=None, uri=isinstance(target, str))
+    db = sqlite3.connect(target, timeout=BUSY_S, isolation_level=None, uri=isinstance(target, str))
+    inspection.limit(db)
+    return db
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
@@ -179,6 +200,8 @@ def _explain(error: sqlite3.Error) -> str:
         ("unable to open", "cannot be opened: no such directory, or no permission"),
         ("full", "the disk is full; free some space, and --resume continues"),
         ("malformed", "damaged (not a whole SQLite file)"),
+        ("too big", f"a row of more than {inspection.MOST_BYTES / 1e6:.0f} MB"),
+        ("decode to UTF-8", "damaged (a text that is not UTF-8)"),
     ):
         if part in text:
             return meaning

@@ -35,12 +35,17 @@ class Key:
     @property
     def settings_hash(self) -> str:
         """First 12 hex digits of the SHA-256 of the settings."""
-        return hashlib.sha256(self.settings.encode()).hexdigest()[:12]
+        return settings_hash(self.settings)
 
     @property
     def values(self) -> tuple[str, ...]:
         """Values of the columns KEY in their order, without the run."""
         return self.task, self.suite, self.solver, self.settings_hash, self.code
+
+
+def settings_hash(settings: str) -> str:
+    """Return the first 12 hex digits of the SHA-256 of settings as JSON."""
+    return hashlib.sha256(settings.encode()).hexdigest()[:12]
 
 
 def canonical(settings: Mapping[str, Any]) -> str:

@@ -1,23 +1,135 @@
-"""Conversion of runs, criteria, definitions and bounds to values of the results file, and back."""
+"""Conversion of runs, criteria, definitions and bounds to values of the results file, and back.
+
+What is read back may come from a stranger's file: each value is checked, and none is imported, made or computed.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from sins_env.arrays import Array
+from sins_env.checks import flag, number, refused, unknown
+from sins_env.envs import ENV_IDS
 from sins_env.evaluation.bound.bounds import Bound
-from sins_env.evaluation.play.criteria import Criteria
+from sins_env.evaluation.play.criteria import MAX_HISTORY, Criteria
 from sins_env.evaluation.play.fields import Field
 from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.score.headline import FAILURES
+from sins_env.evaluation.score.quantities import QUANTITIES
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.schema import SCORES, SPANS, TOLD
 from sins_env.evaluation.tasks.task import EvaluationTask
+
+MOST_TEXT = 4096  #: most bytes of a message or traceback; the rest is cut off
+MOST_DEPTH = 32  #: most levels of lists and objects in settings and definitions
+MOST_EPOCHS = 10**9  #: most epochs of a run
+T = TypeVar("T")
+
+
+def json_of(text: str) -> Any:
+    """Return the value of a JSON text.
+
+    Raises:
+        ValueError: no JSON, or lists and objects that are nested too deep.
+    """
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"no JSON ({error})") from None
+    except RecursionError:
+        raise ValueError(f"nested too deep; allowed: {MOST_DEPTH} levels") from None
+
+
+def object_of(text: str) -> dict[str, Any]:
+    """Return a JSON object of few levels.
+
+    Raises:
+        ValueError: anything else.
+    """
+    given = json_of(text)
+    if not isinstance(given, dict):
+        raise ValueError(f"a JSON {type(given).__name__}; allowed: an object")
+    level: list[Any] = [given]
+    for _ in range(MOST_DEPTH):
+        parts = [one.values() if isinstance(one, dict) else one for one in level if isinstance(one, (dict, list))]
+        level = [one for part in parts for one in part]
+    if level:
+        raise ValueError(f"nested too deep; allowed: {MOST_DEPTH} levels")
+    return given
+
+
+def settings_of(text: str) -> dict[str, Any]:
+    """Return the settings of a solver from their JSON."""
+    return object_of(text)
+
+
+def versions_of(text: str) -> dict[str, str]:
+    """Return the versions of a session by package, from their JSON."""
+    return {name: _text(name, value) for name, value in object_of(text).items()}
+
+
+def _text(name: str, given: Any) -> str:
+    if not isinstance(given, str):
+        raise refused(name, given, "text")
+    return given
+
+
+def _object(name: str, given: Any) -> dict[str, Any]:
+    if not isinstance(given, dict):
+        raise refused(name, given, "an object")
+    return given
+
+
+def _whole(name: str, given: Any, least: int = 0, most: int | None = None) -> int:
+    """Check a whole number of any size."""
+    if type(given) is not int or given < least or (most is not None and given > most):
+        raise refused(name, given, f"a whole number >= {least}" + (f" and <= {most}" if most is not None else ""))
+    return given
+
+
+def _finite(name: str, given: Any) -> Array:
+    """Return nested lists of finite numbers as an array."""
+    try:
+        found = np.array(given)
+    except ValueError:
+        found = np.array(None)
+    if found.dtype.kind not in "if" or not np.isfinite(found).all():
+        raise ValueError(f"{name}; allowed: lists of finite numbers, all of one length")
+    return found.astype(float) if found.dtype.kind == "f" else found
+
+
+#: Check of a field of a dataclass in JSON, by its annotation: (name, given) -> value.
+_CHECKS: dict[str, Callable[[str, Any], Any]] = {
+    "bool": flag,
+    "int": _whole,
+    "float": lambda name, given: number(name, given, least=0.0, infinite=True),
+    "float | None": lambda name, given: None if given is None else number(name, given, above=0.0),
+    "str": _text,
+    "Mapping[str, Any]": _object,
+    "Array": _finite,
+    "NDArray[np.int64]": _finite,
+    "Mask": lambda name, given: np.array(flag(name, given)),
+}
+
+
+def _fields_of(cls: type[T], given: Mapping[str, Any]) -> T:
+    """Make a dataclass from those of its fields that are given; each is checked by its type.
+
+    Raises:
+        ValueError: a field that is missing, or of another type.
+    """
+    known = [one for one in fields(cls) if one.name in given]  # type: ignore[arg-type]
+    try:
+        return cls(**{one.name: _CHECKS[str(one.type)](one.name, given[one.name]) for one in known})
+    except TypeError as error:  # fields that are missing
+        raise ValueError(str(error)) from None
 
 
 def criteria_json(criteria: Criteria) -> str:
@@ -26,10 +138,24 @@ def criteria_json(criteria: Criteria) -> str:
 
 
 def criteria_of(text: str) -> Criteria:
-    """Return criteria from their JSON; the inverse of :func:`criteria_json`."""
-    given: dict[str, Any] = json.loads(text)
-    fields: dict[str, Any] = {n: np.array(v) if isinstance(v, list) else v for n, v in given.items()}
-    return Criteria(**fields)
+    """Return criteria from their JSON; the inverse of :func:`criteria_json`.
+
+    Raises:
+        ValueError: values that no task can have.
+    """
+    found = _fields_of(Criteria, object_of(text))
+    number("epoch_s", found.epoch_s, above=0.0)
+    _whole("num_epochs", found.num_epochs, 1, MOST_EPOCHS)
+    _whole("coarse_epochs", found.coarse_epochs, 0, found.num_epochs - 1)
+    _whole("span_from", found.span_from, 1, found.num_epochs)
+    number("hold_s", found.hold_s)
+    if found.num_epochs // found.history_stride > MAX_HISTORY + 1:
+        raise refused("epoch_s", found.epoch_s, f"a history of at most {MAX_HISTORY} samples")
+    if found.delta.shape != (3,) or not (found.delta > 0).all():
+        raise refused("delta", found.delta.tolist(), "three positive numbers")
+    if found.limit.shape != ((9,) if found.navigates else (3,)):
+        raise refused("limit", found.limit.tolist(), "nine numbers in navigation, else three")
+    return found
 
 
 def definition_json(task: EvaluationTask) -> str:
@@ -38,9 +164,24 @@ def definition_json(task: EvaluationTask) -> str:
 
 
 def definition_of(text: str) -> EvaluationTask:
-    """Return the task of a definition; fields that the present code does not have are left out."""
-    given: dict[str, Any] = json.loads(text)
-    return EvaluationTask(**{f.name: given[f.name] for f in fields(EvaluationTask) if f.name in given})
+    """Return the task of a definition; fields that the present code does not have are left out.
+
+    Raises:
+        ValueError: an environment that is not of this package, or values that no task can have.
+    """
+    found = _fields_of(EvaluationTask, object_of(text))
+    if found.env_id not in ENV_IDS:
+        raise unknown("env_id", found.env_id, ENV_IDS)
+    if found.rank_by not in (*QUANTITIES, FAILURES):
+        raise unknown("rank_by", found.rank_by, (*QUANTITIES, FAILURES))
+    for name in ("delta_azimuth_deg", "delta_level_arcsec", "hold_s", "score_from_s"):
+        number(name, getattr(found, name), least=0.0)
+    headings = found.kwargs.get("heading_deg")
+    if found.records and isinstance(headings, list):
+        one_each = len(headings) == found.records
+        if not one_each or not all(isinstance(one, (int, float)) for one in headings):
+            raise refused("heading_deg", headings, f"a number for each of the {found.records} records")
+    return found
 
 
 def binding(text: str) -> dict[str, Any]:
@@ -54,15 +195,31 @@ def bound_json(bound: Bound | None) -> str:
 
 
 def bound_of(text: str) -> Bound | None:
-    """Return a bound from its JSON; the inverse of :func:`bound_json`."""
-    given = json.loads(text)
-    return given and Bound(**{name: np.array(value) for name, value in given.items()})
+    """Return a bound from its JSON; the inverse of :func:`bound_json`.
+
+    Raises:
+        ValueError: arrays that do not fit each other.
+    """
+    given = json_of(text)
+    if given is None:
+        return None
+    found = _fields_of(Bound, _object("bound", given))
+    width = found.steady.shape
+    shapes = {"t": (len(found.t),), "sigma": (len(found.t), *width), "final": width, "epochs": (2,)}
+    if width not in ((3,), (9,)) or any(getattr(found, name).shape != shape for name, shape in shapes.items()):
+        raise ValueError("arrays of other shapes; allowed: those of a bound")
+    return found
 
 
 def to_row(key: Key, session: int, run: Mapping[str, Any]) -> tuple[Any, ...]:
     """Return the values of RUN_COLUMNS for a run, as :meth:`Records.row` gives it."""
-    told = [int(run[one.name]) if one.kind == "count" else str(run[one.name]) for one in TOLD]
+    told = [int(run[one.name]) if one.kind == "count" else cut(str(run[one.name])) for one in TOLD]
     return (*key.values, int(run["run"]), key.settings, session, *told, *_numbers(SCORES, run))
+
+
+def cut(text: str) -> str:
+    """Return the first MOST_TEXT bytes of a text, which may come from a solver; what UTF-8 does not have is escaped."""
+    return text[:MOST_TEXT].encode("utf-8", "backslashreplace")[:MOST_TEXT].decode("utf-8", "ignore")
 
 
 def to_span(row: int, run: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -110,12 +267,29 @@ def to_records(
     if blobs is None:
         fields["history"] = np.empty((len(run), 0, criteria.components), dtype=np.float32)
     else:
-        parts = [np.frombuffer(zlib.decompress(blob), dtype="<f4") for blob in blobs]
-        shape = len(parts), len(criteria.history_t), criteria.components
-        fields["history"] = np.stack(parts).astype(np.float32).reshape(shape)
+        parts = [_history(blob, criteria, number) for number, blob in zip(run, blobs, strict=True)]
+        fields["history"] = np.stack(parts).astype(np.float32)
     fields |= {one.name: one.unknown(len(run)) for one in SCORES}
     fields |= {one.name: one.absent(len(run)) for one in SPANS}
     return Records(criteria, **fields | dict(numbers) | {"run": np.array(run, dtype=np.int64)})
+
+
+def _history(blob: Any, criteria: Criteria, run: int) -> Array:
+    """Return a history (S, components) from its blob, of which no more is inflated than the criteria say.
+
+    Raises:
+        ValueError: another size, or no such blob.
+    """
+    shape = len(criteria.history_t), criteria.components
+    wanted = 4 * math.prod(shape)
+    try:
+        found = zlib.decompressobj().decompress(blob, wanted + 1)
+    except (zlib.error, TypeError) as error:
+        raise ValueError(f"the history of run {run} is damaged: {error}") from None
+    if len(found) != wanted:
+        size = f"more than {wanted}" if len(found) > wanted else f"{len(found)}"
+        raise ValueError(f"the history of run {run} has {size} bytes; allowed: {wanted}")
+    return np.frombuffer(found, dtype="<f4").reshape(shape)
 
 
 def parted(values: Array, fields: Sequence[Field]) -> dict[str, Array]:

@@ -27,6 +27,7 @@ from sins_env.evaluation.speed.cost import Cost
 from sins_env.evaluation.store.database import Database
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.rows import (
+    MOST_TEXT,
     binding,
     bound_json,
     bound_of,
@@ -36,17 +37,20 @@ from sins_env.evaluation.store.rows import (
     definition_of,
     parted,
     scores_of,
+    settings_of,
     to_blob,
     to_records,
     to_row,
     to_span,
+    versions_of,
 )
 from sins_env.evaluation.store.schema import KEY, RUN_COLUMNS, SPAN_COLUMNS, SPANS, TOLD, TROUBLE, columns_of
-from sins_env.evaluation.tasks.catalogue import get_task
+from sins_env.evaluation.tasks.catalogue import TASKS, get_task
 from sins_env.evaluation.tasks.fingerprint import digest
 from sins_env.evaluation.tasks.task import EvaluationTask
 
 _OF_KEY = " AND ".join(f"{name} = ?" for name in KEY[:-1])
+_TEXTS = columns_of(one for one in TOLD if one.kind == "text")
 _WITH_SPANS = "runs LEFT JOIN spans USING (id)"
 _WITH_HISTORIES = "runs LEFT JOIN histories USING (id)"
 _INSERT_SPAN = f"""INSERT OR REPLACE INTO spans (id, {", ".join(SPAN_COLUMNS)})
@@ -106,6 +110,7 @@ class Store(Database):
         """
         now, present = definition_json(task), digest(task)
         bound = bound_json(bounds.find(task))
+        definition_of(now)  # what could not be read back is not written
         with self.explaining(), self.transaction():
             sql = "SELECT definition, digest FROM tasks WHERE task = ?"
             held, before = self.connection.execute(sql, (task.name,)).fetchone() or (None, None)
@@ -153,7 +158,7 @@ class Store(Database):
             found = self.connection.execute(sql, key.values).fetchall()
         with self.reading("the sessions"):
             return [
-                Session(number, started, machine, json.loads(versions), runs)
+                Session(number or 0, started or "unknown", machine or "unknown", versions_of(versions or "{}"), runs)
                 for number, started, machine, versions, runs in found
             ]
 
@@ -194,7 +199,9 @@ class Store(Database):
         with self.explaining():
             numbers = self._read("runs", columns_of(scores), key, runs)
             spans = self._read(_WITH_SPANS, SPAN_COLUMNS, key, runs) if criteria.navigates else None
-            sql = f"SELECT run, {', '.join(columns_of(TOLD))} FROM runs WHERE {_OF_KEY} AND ({TROUBLE})"
+            sql = (
+                f"SELECT run, {', '.join(map(_shortened, columns_of(TOLD)))} FROM runs WHERE {_OF_KEY} AND ({TROUBLE})"
+            )
             odd = {run: told for run, *told in self.connection.execute(sql, key.values)}
             blobs = None
             if whole or criteria.navigates:
@@ -204,7 +211,7 @@ class Store(Database):
             known |= {} if spans is None else parted(_array(spans, SPAN_COLUMNS)[:, 1:], SPANS)
             records = to_records([row[0] for row in numbers], odd, known, criteria, blobs)
         task, bound = self._task(key.task)
-        return Results(task, key.solver, json.loads(key.settings), key.suite, records, self._cost(key), bound)
+        return Results(task, key.solver, settings_of(key.settings), key.suite, records, self._cost(key), bound)
 
     def _read(
         self, tables: str, columns: Sequence[str], key: Key, runs: Container[int] | None
@@ -226,20 +233,36 @@ class Store(Database):
 
         The columns may be among SPAN_COLUMNS, too.
         """
-        sql = f"SELECT {', '.join(columns)} FROM {_WITH_SPANS} WHERE {_OF_KEY} ORDER BY run"
+        sql = f"SELECT {', '.join(map(_shortened, columns))} FROM {_WITH_SPANS} WHERE {_OF_KEY} ORDER BY run"
         with self.explaining():
             yield from self.connection.execute(sql, key.values)
 
     def _task(self, name: str) -> tuple[EvaluationTask, Bound | Literal["ask"] | None]:
-        """Return the task under which the runs were made, and its bound; the present ones if an older file has neither."""
+        """Return the task under which the runs were made, and its bound; the present task if an older file has none.
+
+        Nothing is computed from the file's own definition. A missing bound is computed for a task of this package, if
+        definition and digest in the file are those of the task; for any other task there is none.
+        """
         if name not in self._tasks:
             with self.explaining():
-                sql = "SELECT definition, bound FROM tasks WHERE task = ?"
-                definition, bound = self.connection.execute(sql, (name,)).fetchone()
+                sql = "SELECT definition, digest, bound FROM tasks WHERE task = ?"
+                definition, found, bound = self.connection.execute(sql, (name,)).fetchone()
             with self.reading(f"the definition of {name}"):
                 task = get_task(name) if definition is None else definition_of(definition)
-                self._tasks[name] = task, "ask" if bound is None else bound_of(bound)
+                self._tasks[name] = task, _missing_bound(task, found) if bound is None else bound_of(bound)
         return self._tasks[name]
+
+
+def _missing_bound(task: EvaluationTask, found: str | None) -> Literal["ask"] | None:
+    """Return "ask" if the task and its digest in a file are those of this package, so that the bound is its; if not, None."""
+    own = TASKS.get(task.name)
+    same = own is not None and binding(definition_json(own)) == binding(definition_json(task))
+    return "ask" if own and same and found in (None, digest(own)) else None
+
+
+def _shortened(column: str) -> str:
+    """Return the SQL expression that reads a column; of a message or traceback no more than is written today."""
+    return f"substr({column}, 1, {MOST_TEXT}) AS {column}" if column in _TEXTS else column
 
 
 def _array(rows: Sequence[tuple[Any, ...]], columns: Sequence[str]) -> Array:

@@ -2,13 +2,16 @@
 
 A row can be verified if its task, solver and code are the present ones and the seed of its suite is given. A task whose
 world (digest) or definition has changed is a difference, too.
+
+A file never decides what is imported. A solver by name must be installed. One by path, module:Factory, must be trusted by
+the caller in the same words. The version of its code is compared before anything of it is imported.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +19,7 @@ import numpy as np
 
 from sins_env.arrays import Array
 from sins_env.evaluation import monte_carlo
-from sins_env.evaluation.estimators import version
+from sins_env.evaluation.estimators import finding, version
 from sins_env.evaluation.play.criteria import COMPONENTS, DIVERGED_SIGMAS, PHI, Criteria
 from sins_env.evaluation.play.executors import Runner
 from sins_env.evaluation.play.fields import NEES_PARTS, Field
@@ -51,6 +54,7 @@ def verify(
     seed: int | None = None,
     draw: int | None = None,
     *,
+    trusted: Collection[str] = (),
     where: Runner | None = None,
     progress: monte_carlo.Report | None = None,
 ) -> Verified:
@@ -62,6 +66,7 @@ def verify(
         rows: number of rows to run.
         seed: seed of a hidden suite; None takes that of each task.
         draw: seed of the choice of rows; None makes another choice every time.
+        trusted: solvers as module:Factory that may be imported; those that only the file names are left out.
         where: worker processes, or None for this process.
         progress: function called with the number of runs that are done and with their total.
     """
@@ -70,7 +75,7 @@ def verify(
     candidates: list[tuple[int, int]] = []
     for i, key in enumerate(keys):
         runs = sorted(store.runs_of(key))
-        reason = _obstacle(key, seed)
+        reason = _obstacle(key, seed, trusted)
         if reason:
             left_out[reason] = left_out.get(reason, 0) + len(runs)
             continue
@@ -101,10 +106,22 @@ def verify(
     return Verified(done, tuple(differences), left_out)
 
 
-def _obstacle(key: Key, seed: int | None) -> str:
-    """Return why these rows cannot be run again; empty if they can."""
+def may_run(solver: str, trusted: Collection[str] = ()) -> bool:
+    """Return whether a solver that a file names may be imported: it is installed by that name, or trusted as a path."""
+    return solver in trusted or (":" not in solver and (finding.is_own(solver) or finding.is_foreign(solver)))
+
+
+def _obstacle(key: Key, seed: int | None, trusted: Collection[str]) -> str:
+    """Return why these rows cannot be run again; empty if they can. Nothing is imported to find out."""
     if key.task not in TASKS:
         return f"{key.task} is no task of this version"
+    if not may_run(key.solver, trusted):
+        path = ":" in key.solver
+        return (
+            f"{key.solver} is named by the file alone, so it is not imported (verify --solver {key.solver}, if it is yours)"
+            if path
+            else f"no solver {key.solver} here"
+        )
     try:
         code = version.code_version(key.solver)
     except ValueError:

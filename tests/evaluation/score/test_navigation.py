@@ -318,10 +318,10 @@ def test_results_file_board_export_and_verify(flight, found, tmp_path, monkeypat
     assert [float(row["rms_pos_u_m"]) for row in rows] == found.records.span_rms[:, 8].tolist()
     final = [row["final_vel_e_mps"] for row in json.loads(Path("e.json").read_text())]
     assert final == found.records.span_final[:, 3].tolist()
-    assert cli("verify", "--rows", 4, "--workers", 1)[0] == 0
+    assert cli("verify", "--rows", 4, "--workers", 1, "--solver", PLUGIN)[0] == 0
     with Store("results.sqlite") as db:
         db.connection.execute("UPDATE spans SET rms_vel_e = rms_vel_e * 1.001")
-    code, _, said = cli("verify", "--rows", 4, "--workers", 1)
+    code, _, said = cli("verify", "--rows", 4, "--workers", 1, "--solver", PLUGIN)
     assert code == 1
     assert any("rms_vel_e_mps" in text for text in said)
 

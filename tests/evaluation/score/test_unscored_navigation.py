@@ -81,7 +81,7 @@ def test_command_line(unscored, tmp_path, cli):
     assert cli("report", "--html", "r.html")[0] == 0
     assert "no reference" in (tmp_path / "r.html").read_text()
     assert cli("export", "--csv", "e.csv")[0] == 0
-    assert cli("verify", "--workers", 1)[0] == 0
+    assert cli("verify", "--workers", 1, "--solver", SOLVER)[0] == 0
     code, _, (said,) = cli("compare", unscored.name, SOLVER, SOLVER)
     assert (code, "against itself; allowed: two solvers, or two settings of one in results.sqlite" in said) == (2, True)
     code, out, _ = cli("run", unscored.name, SOLVER, "--plot", "run.png")
