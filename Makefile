@@ -8,8 +8,9 @@ export SINS_ENV_DATA ?= $(abspath ../shared/data)
 export OPENBLAS_NUM_THREADS ?= 1
 # every process reads compiled files: the tests start many
 unexport PYTHONDONTWRITEBYTECODE
+N ?= 10000
 
-.PHONY: board test check lint types tests bench reproduce leaderboard clean
+.PHONY: board test check lint types tests fuzz bench reproduce leaderboard clean
 
 board: $(STAMP)  ## four filters align a swaying SINS: ranked table and figure
 	$(BIN)/sins-env eval --task sway-white-v0 --solver kf ekf ukf ckf --runs 100 --db results.sqlite --resume --plot board.png
@@ -27,6 +28,9 @@ types: $(STAMP)
 	$(BIN)/mypy
 
 tests: test
+
+fuzz: $(STAMP)  ## N inputs of strangers, of all kinds, on all cores: a table, and the inputs that fail as code
+	cd tests && ../$(BIN)/python -m fuzz $(N)
 
 bench: $(STAMP)  ## speed of the whole chain, and of the filters beside those of other packages (in .venv-peers)
 	$(BIN)/sins-env bench

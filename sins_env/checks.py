@@ -8,21 +8,66 @@ from __future__ import annotations
 
 import difflib
 import math
+import reprlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
+from itertools import islice
 from typing import Any, TypeVar
 
 import numpy as np
 
 T = TypeVar("T")
 
+MOST_NAME, MOST_NAMES = 60, 100  #: most characters of a name, and names, that an error lists
+MOST_SHOWN = 200  #: most characters of an error that repeat what was given
+
 
 def unknown(kind: str, given: object, allowed: Iterable[str]) -> ValueError:
     """Return the error for a name that does not exist, such as "unknown task 'sway-whit-v0'; did you mean ...?"."""
     names = sorted(allowed)
-    near = difflib.get_close_matches(str(given), names, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(shown(given).strip("'"), names, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}? Allowed" if near else "allowed"
-    return ValueError(f"unknown {kind} {given!r}; {hint}: {', '.join(names)}")
+    return ValueError(f"unknown {kind} {shown(given)}; {hint}: {_listed(names)}")
+
+
+def _listed(names: list[str]) -> str:
+    """Join names; those of strangers may be long and many."""
+    short = [name if len(name) <= MOST_NAME else f"{name[: MOST_NAME - 3]}..." for name in names[:MOST_NAMES]]
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return ", ".join(short) + more
+
+
+def shown(given: object) -> str:
+    """Write what was given in at most 200 characters of one line, whatever it is."""
+    try:
+        text = _SHORT.repr(given)
+    except Exception:  # the repr of others may do anything, and Python refuses to write huge whole numbers
+        text = f"a {type(given).__name__} that cannot be written"
+    text = " ".join(text.split())
+    return text if len(text) <= MOST_SHOWN else f"{text[: MOST_SHOWN - 4]} ..."
+
+
+class _Short(reprlib.Repr):
+    """The repr of large values, without writing all of them first."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel = 4
+        self.maxstring = self.maxother = self.maxlong = MOST_SHOWN
+        self.maxlist = self.maxtuple = self.maxdict = self.maxset = self.maxfrozenset = self.maxarray = 20
+
+    def repr_int(self, x: int, level: int) -> str:
+        return f"a whole number of about {int(x.bit_length() * 0.30103)} digits" if x.bit_length() > 600 else repr(x)
+
+    def repr_dict(self, x: dict[Any, Any], level: int) -> str:
+        """Write a dict in its own order, as ``repr`` does; the base class sorts it."""
+        if level <= 0 and x:
+            return "{...}"
+        parts = [f"{self.repr1(k, level - 1)}: {self.repr1(v, level - 1)}" for k, v in islice(x.items(), self.maxdict)]
+        return f"{{{', '.join(parts)}{', ...' if len(x) > self.maxdict else ''}}}"
+
+
+_SHORT = _Short()
 
 
 def build(cls: type[T], settings: Mapping[str, Any], kind: str) -> T:
@@ -40,7 +85,7 @@ def build(cls: type[T], settings: Mapping[str, Any], kind: str) -> T:
 
 def refused(name: str, given: object, allowed: str) -> ValueError:
     """Return the error for a value, such as 'epoch = -1.0; allowed: a positive number of seconds'."""
-    return ValueError(f"{name} = {given!r}; allowed: {allowed}")
+    return ValueError(f"{name} = {shown(given)}; allowed: {allowed}")
 
 
 def keep(owner: object, name: str, check: Callable[..., Any], *args: Any, **limits: Any) -> None:
@@ -91,21 +136,28 @@ def _within(least: float, above: float, most: float, below: float, infinite: boo
     return f"{noun} {bounds}".rstrip() + (", or inf" if infinite else "")
 
 
-def whole(name: str, given: Any, allowed: str | None = None, *, least: int) -> int:
+def whole(name: str, given: Any, allowed: str | None = None, *, least: int, most: float = math.inf) -> int:
     """Check a whole number; ``30.0`` is one, too.
 
     Raises:
-        ValueError: a number with a fraction, one below ``least``, or no number.
+        ValueError: a number with a fraction, one below ``least`` or above ``most``, or no number.
     """
-    allowed = allowed or f"a whole number >= {least}"
-    value = number(name, given, allowed, least=least)
+    allowed = allowed or f"a whole number >= {least}{f' and <= {most:g}' if math.isfinite(most) else ''}"
+    value = number(name, given, allowed, least=least, most=most)
     if value % 1:
         raise refused(name, given, allowed)
     return int(value)
 
 
 def numbers(
-    name: str, given: Any, count: int | None, allowed: str, *, least: float = -math.inf, above: float = -math.inf
+    name: str,
+    given: Any,
+    count: int | None,
+    allowed: str,
+    *,
+    least: float = -math.inf,
+    above: float = -math.inf,
+    most: float = math.inf,
 ) -> tuple[float, ...]:
     """Check a list, tuple or array of ``count`` finite numbers; None takes any number of them but zero.
 
@@ -116,7 +168,7 @@ def numbers(
     if not values or len(values) != (count or len(values)):
         raise refused(name, given, allowed)
     try:
-        return tuple(number(name, value, least=least, above=above) for value in values)
+        return tuple(number(name, value, least=least, above=above, most=most) for value in values)
     except ValueError:
         raise refused(name, given, allowed) from None
 

@@ -25,31 +25,41 @@ Check = Callable[[str, Any], Any]  #: check of a field: takes its name and what 
 S = TypeVar("S", "ImuSpec", "GpsSpec")
 
 
+MOST = 1e9  #: largest error of any sensor, in the unit of its field
+MOST_OUTAGES = 1000
 _INTERVAL = "(start, end) in s, 0 <= start < end"
 
-_not_negative = partial(checks.number, allowed="a finite number, not negative", least=0.0)
-_correlation_time = partial(checks.number, allowed="a positive correlation time in seconds", above=0.0)
+_not_negative = partial(checks.number, allowed=f"a finite number, not negative, at most {MOST:g}", least=0.0, most=MOST)
+_correlation_time = partial(
+    checks.number, allowed="a positive correlation time in seconds, 1e-6 to 1e12", least=1e-6, most=1e12
+)
 
 
 def _one_or_three(name: str, given: Any) -> float | tuple[float, ...]:
-    allowed = "one finite number or three (E, N, U), not negative"
+    allowed = f"one finite number or three (E, N, U), not negative, at most {MOST:g}"
     if checks.items(given) is None:
-        return checks.number(name, given, allowed, least=0.0)
-    return checks.numbers(name, given, 3, allowed, least=0.0)
+        return checks.number(name, given, allowed, least=0.0, most=MOST)
+    return checks.numbers(name, given, 3, allowed, least=0.0, most=MOST)
 
 
 def _intervals(name: str, given: Any) -> tuple[tuple[float, float], ...]:
     pairs = checks.items(given)
-    if pairs is None:
-        raise checks.refused(name, given, f"a list of {_INTERVAL}")
-    return tuple(checks.interval(f"{name} = {given!r}: interval", pair, _INTERVAL) for pair in pairs)
+    if pairs is None or len(pairs) > MOST_OUTAGES:
+        raise checks.refused(name, given, f"a list of {_INTERVAL}, at most {MOST_OUTAGES} of them")
+    return tuple(checks.interval(f"{name} = {checks.shown(given)}: interval", pair, _INTERVAL) for pair in pairs)
 
 
 def _duration_or_interval(name: str, given: Any) -> float | tuple[float, float]:
     allowed = f"a duration in s, not negative, or {_INTERVAL}"
     if checks.items(given) is None:
-        return checks.number(name, given, allowed, least=0.0)
+        return checks.number(name, given, allowed, least=0.0, most=MOST)
     return checks.interval(name, given, allowed)
+
+
+def _degrees_of_freedom(name: str, given: Any) -> float:
+    allowed = "0, which is Gaussian, or a number of degrees of freedom, not negative, from 0.1 to 1e9"
+    value = checks.number(name, given, allowed, least=0.0, most=MOST)
+    return value if value == 0 else checks.number(name, given, allowed, least=0.1)
 
 
 def _check_fields(spec: Any, special: Mapping[str, Check]) -> None:
@@ -119,10 +129,13 @@ class GpsSpec:
         special: dict[str, Check] = {
             "vel_std_mps": _one_or_three,
             "pos_std_m": _one_or_three,
-            "rate_hz": partial(checks.number, allowed="a positive number", above=0.0),
-            "lever_arm_m": partial(checks.numbers, count=3, allowed="three finite numbers (R, F, U)"),
+            "rate_hz": partial(checks.number, allowed="a positive number, 1e-6 to 1e4", least=1e-6, most=1e4),
+            "lever_arm_m": partial(
+                checks.numbers, count=3, allowed="three finite numbers (R, F, U), -1e4 to 1e4", least=-1e4, most=1e4
+            ),
             "outages_s": _intervals,
             "contamination": partial(checks.number, allowed="a number from 0 to 1", least=0.0, most=1.0),
+            "heavy_tail_dof": _degrees_of_freedom,
             "jump_s": _duration_or_interval,
         }
         _check_fields(self, special)

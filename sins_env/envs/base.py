@@ -48,13 +48,24 @@ def _check_seeds(seed: Any, rows: int) -> list[int | None]:
 
 
 def _check_action(action: Any, space: gymnasium.Space[Any], navigate: bool) -> Array:
-    array = np.asarray(action, dtype=np.float64)
+    """Return the action as float64, with the shape of the space."""
+    try:
+        array = np.asarray(action)
+        if array.dtype.kind not in "biufO":
+            raise TypeError("no real numbers")
+        with np.errstate(over="ignore"):  # what is too large for float64 is inf, and a failed epoch
+            array = array.astype(np.float64, copy=False)
+    except Exception as error:  # objects of others may raise anything
+        what = "complex numbers, text or times" if isinstance(action, np.ndarray) else checks.shown(action)
+        raise ValueError(f"action = {what}; allowed: numbers, {_wanted(space, navigate)}") from error
     if array.shape != space.shape:
-        rest = ", then v_n E, N, U, latitude, longitude and height" if navigate else ""
-        raise ValueError(
-            f"action of shape {array.shape}; allowed: {space.shape}, the quaternion q_nb, scalar first{rest}"
-        )
+        raise ValueError(f"action of shape {array.shape}; allowed: {_wanted(space, navigate)}")
     return array
+
+
+def _wanted(space: gymnasium.Space[Any], navigate: bool) -> str:
+    rest = ", then v_n E, N, U, latitude, longitude and height" if navigate else ""
+    return f"{space.shape}, the quaternion q_nb, scalar first{rest}"
 
 
 class EpisodeEnv(gymnasium.Env[Obs, Array]):
@@ -100,9 +111,10 @@ class EpisodeEnv(gymnasium.Env[Obs, Array]):
         """Begin an episode, and return observation 1 and the info with the start.
 
         Raises:
-            ValueError: an option that the environment does not have.
+            ValueError: a seed that is no whole number from 0 on, or an option that the environment does not have.
         """
-        super().reset(seed=seed)
+        (checked,) = _check_seeds(seed, 1)
+        super().reset(seed=checked)
         obs, info = self.episode.reset([self.np_random], options, squeeze=True)
         if self._renderer:
             self._renderer.reset(self.task)

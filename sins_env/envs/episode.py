@@ -43,8 +43,10 @@ class Episode:
         ``squeeze`` leaves out the run axis of the start in the public task, for the single environment.
 
         Raises:
-            ValueError: a reset option that the world does not have.
+            ValueError: a reset option that the world does not have, or no dict of them.
         """
+        if not isinstance(options, dict | None):
+            raise checks.refused("options", options, "None, or a dict of reset options")
         truth, told = self.world.reset(rngs, options or {})
         runs = len(rngs)
         known = told is not None

@@ -17,6 +17,9 @@ from sins_env.units import DEG
 
 Place = Callable[[int], str]  #: function that tells the place of a row in its file, such as "line 17" or "sample 3"
 
+#: Limits of the parts of a recording, far beyond those of vehicles.
+MOST_SPEED_MPS, MOST_HEIGHT_M, MOST_LEVER_M, MOST_STD = 1e5, 1e7, 1e4, 1e9
+MOST_RATE_HZ, MOST_SAMPLE_S, MOST_TIME_S = 1e7, 1e4, 1e12
 LATITUDE = "latitude within 89.9 deg, longitude within 360 deg, height in m"
 
 
@@ -62,6 +65,35 @@ def check_overlap(path: Path, what: str, t: Array, begin: float, end: float) -> 
             f"{path}: {what} from {seconds(t[0])} to {seconds(t[-1])} s, the IMU from {seconds(begin)} to "
             f"{seconds(end)} s; allowed: one clock for both"
         )
+
+
+def check_ranges(path: Path, recording: Recording) -> None:
+    """Check that fixes, reference, lever arm and clock of a recording lie within what any vehicle near the Earth does.
+
+    Raises:
+        ValueError: a value out of its range.
+    """
+    gnss, ref = recording.gnss, recording.reference
+    parts = {
+        ("rate_hz", MOST_RATE_HZ): recording.rate_hz,
+        ("1 / rate_hz", MOST_SAMPLE_S): 1.0 / recording.rate_hz,
+        ("t0", MOST_TIME_S): recording.t0,
+        ("lever arm", MOST_LEVER_M): recording.lever_arm,
+        ("height of the site", MOST_HEIGHT_M): recording.site.height,
+        ("velocity of the fixes", MOST_SPEED_MPS): gnss and gnss.vel,
+        ("height of the fixes", MOST_HEIGHT_M): gnss and gnss.pos[:, 2],
+        ("standard deviation of the fixes", MOST_STD): gnss and gnss.pos_std,
+        ("standard deviation of the velocities", MOST_STD): gnss and gnss.vel_std,
+        ("velocity of the reference", MOST_SPEED_MPS): ref and ref.vel,
+        ("height of the reference", MOST_HEIGHT_M): None if ref is None or ref.pos is None else ref.pos[:, 2],
+        ("displacements", MOST_HEIGHT_M): recording.displacements and recording.displacements.enu,
+    }
+    for (name, most), values in parts.items():
+        if values is None:
+            continue
+        largest = float(np.max(np.abs(values), initial=0.0))
+        if not largest <= most:
+            raise ValueError(f"{path}: {name} is up to {largest:g}; allowed: at most {most:g}")
 
 
 def with_velocities(gnss: Gnss) -> Gnss:

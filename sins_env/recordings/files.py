@@ -5,16 +5,19 @@ from __future__ import annotations
 import difflib
 import json
 import os
+from collections.abc import Iterator
 from collections.abc import Mapping as Dict
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from sins_env.checks import choice, unknown
+from sins_env.recordings.assembling import check_ranges
 from sins_env.recordings.column_units import check_plausible
 from sins_env.recordings.file_format import PARTS
 from sins_env.recordings.formats import FORMATS
-from sins_env.recordings.mapping import Mapping, read_mapping, to_mapping
+from sins_env.recordings.mapping import MOST_NAME, Mapping, companion, read_mapping, to_mapping
 from sins_env.recordings.recording import Recording
 
 DATA_VARIABLE = "SINS_ENV_DATA"  #: environment variable with the folder in which recordings are sought, too
@@ -35,15 +38,27 @@ def load(path: str | os.PathLike[str], *, format: str | None = None, mapping: An
         ValueError: a file that is no recording; the error has the file, what is wrong, and the sample or line.
     """
     found = _find(Path(path)).resolve()
-    data, kind, given = _with_mapping(found, format, mapping)
-    given |= {name: value for name, value in settings.items() if value is not None}
-    for key in given:
-        if key in Mapping.__dataclass_fields__ and key not in FORMATS[kind].allowed_keys:
-            raise unknown(f"key of a mapping of {kind} files", key, FORMATS[kind].allowed_keys)
-    whole = to_mapping(given, str(data))
-    beside = [data.parent / name for name in whole.companions()]
-    stamps = tuple(file.stat().st_mtime_ns for file in (data, *beside) if file.is_file())
-    return _load(data, kind, whole.text(), stamps)
+    with _named(found):
+        data, kind, given = _with_mapping(found, format, mapping)
+        given |= {name: value for name, value in settings.items() if value is not None}
+        for key in given:
+            if key in Mapping.__dataclass_fields__ and key not in FORMATS[kind].allowed_keys:
+                raise unknown(f"key of a mapping of {kind} files", key, FORMATS[kind].allowed_keys)
+        whole = to_mapping(given, str(data))
+        beside = [data.parent / name for name in whole.companions() if len(name) <= MOST_NAME]
+        stamps = tuple(file.stat().st_mtime_ns for file in (data, *beside) if file.is_file())
+        return _load(data, kind, whole.text(), stamps)
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Put the name of a file before an error that names neither it nor another file beside it."""
+    try:
+        yield
+    except ValueError as error:
+        if str(path.parent) in str(error):
+            raise
+        raise ValueError(f"{path}: {error}") from error
 
 
 def _with_mapping(found: Path, format: str | None, mapping: Any) -> tuple[Path, str, dict[str, Any]]:
@@ -57,12 +72,9 @@ def _with_mapping(found: Path, format: str | None, mapping: Any) -> tuple[Path, 
         given = read_mapping(_find(Path(mapping)))
     elif found.suffix.lower() == ".json":
         given = read_mapping(found)
-        name = given.get("file")
-        if not isinstance(name, str):
+        if not isinstance(given.get("file"), str):
             raise ValueError(f'{found}: no file named; allowed: a mapping with "file"')
-        data = found.parent / name
-        if not data.is_file():
-            raise FileNotFoundError(f"no file {str(data)!r}, which {found.name} names")
+        data = companion(found, given["file"], found.name)
     else:
         beside = found.with_suffix(".json")
         kind = format or format_of(found)
@@ -117,6 +129,7 @@ def _load(path: Path, kind: str, mapping: str, stamps: tuple[int, ...]) -> Recor
     """Read a recording, or return it from the cache; ``stamps``, times of change, let a changed file be read again."""
     recording = FORMATS[kind].load(path, to_mapping(json.loads(mapping), str(path)))
     check_plausible(path, recording.rate_hz, recording.dtheta, recording.dvel)
+    check_ranges(path, recording)
     return recording
 
 

@@ -26,8 +26,10 @@ from typing import Any
 
 from sins_env import checks
 from sins_env.checks import build
+from sins_env.reading.documents import read_document
 from sins_env.recordings.axes import to_rfu
 
+MOST_NAME = 255  #: most characters of the name of a file
 RATES = ("hold", "trapezoid")  #: allowed values of ``rates``
 
 
@@ -94,12 +96,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
     Raises:
         ValueError: no JSON object; the error names the line.
     """
-    try:
-        given = json.loads(path.read_text(encoding="utf-8-sig"))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path}: line {error.lineno} is no JSON ({error.msg})") from error
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a text file") from error
+    given = read_document(path)
     if not isinstance(given, dict):
         raise ValueError(f"{path}: a {type(given).__name__}; allowed: a JSON object, {{...}}")
     return given
@@ -117,13 +114,18 @@ def to_mapping(given: dict[str, Any], whose: str) -> Mapping:
         raise ValueError(f"{whose}: {error}") from None
 
 
-def companion(path: Path, name: str) -> Path:
+def companion(path: Path, name: Any, whose: str = "") -> Path:
     """Return the path of a file that a mapping names, which is beside the recording's own.
 
     Raises:
+        ValueError: no name.
         FileNotFoundError: no such file.
     """
+    if not isinstance(name, str):
+        raise ValueError(f"{path}: {checks.refused('file', name, 'the name of a file beside it')}")
     found = path.parent / name
-    if not found.is_file():
-        raise FileNotFoundError(f"no file {str(found)!r}, which the mapping of {path.name} names")
+    if len(name) > MOST_NAME or not found.is_file():
+        raise FileNotFoundError(
+            f"no file {checks.shown(str(found))}, which {whose or f'the mapping of {path.name}'} names"
+        )
     return found

@@ -16,6 +16,7 @@ from typing import IO, Any
 import numpy as np
 
 from sins_env.arrays import Array
+from sins_env.reading.files import check_lines
 
 _CHUNK = 20_000  #: rows that are formatted at once
 
@@ -48,8 +49,8 @@ class Table:
 
     def place(self, row: int) -> str:
         """Return the place of a row in the file, such as 'line 17'."""
-        number, _ = next(islice(_lines(self.path, self.style), row, None))
-        return f"line {number}"
+        number, _ = next(islice(_lines(self.path, self.style), row, None), (None, []))
+        return f"row {row + 1}" if number is None else f"line {number}"  # the file may have become shorter meanwhile
 
 
 def read_table(
@@ -66,10 +67,14 @@ def read_table(
     Raises:
         ValueError: no table of finite numbers; the error names the line and the column at fault.
     """
-    first = next((fields for _, fields in _lines(path, style)), None)
-    if first is None:
+    check_lines(path)
+    number, first = next(_lines(path, style), (0, []))
+    if not first:
         raise ValueError(f"{path}: no rows of numbers")
     width = len(first)
+    if columns and max(columns) >= width:
+        asked = f"column {max(columns) + 1} is asked for; allowed: a number in each row for every name of the header"
+        raise ValueError(f"{path}: line {number} has {width} columns, and {asked}")
     if counts is not None and width not in counts:
         raise _explain(path, style, counts, columns) or AssertionError("unreachable")
     try:
@@ -107,7 +112,12 @@ def _fast(path: Path, style: Style, columns: Sequence[int] | None) -> Array:
 
 
 def header(path: Path, style: Style) -> list[str]:
-    """Return the fields of the first line that is no comment."""
+    """Return the fields of the first line that is no comment.
+
+    Raises:
+        ValueError: no text file of lines.
+    """
+    check_lines(path)
     return next((fields for _, fields in _lines(path, Style(style.comment, style.delimiter))), [])
 
 
@@ -135,7 +145,8 @@ def _explain(path: Path, style: Style, counts: Sequence[int], columns: Sequence[
             continue  # is it the last one?
         for i in range(len(fields)) if columns is None else columns:
             if not _finite(fields[i]):
-                text = f"{path}: line {number}, column {i + 1} is {fields[i][:40]!r}; allowed: a finite number"
+                comma = " with a decimal point" if _finite(fields[i].replace(",", ".")) else ""
+                text = f"{path}: line {number}, column {i + 1} is {fields[i][:40]!r}; allowed: a finite number{comma}"
                 return ValueError(text)
     return ValueError(f"{found} (the last line: a truncated file?)") if found else None
 

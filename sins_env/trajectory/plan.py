@@ -6,7 +6,6 @@ See docs/mathematics/simulation.md#flight-plan.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,15 +19,17 @@ from numpy.typing import NDArray
 from sins_env import checks, earth
 from sins_env.arrays import Array
 from sins_env.checks import build
-from sins_env.trajectory.segments import Segment
+from sins_env.reading.documents import YAML_ENDINGS, read_document
+from sins_env.trajectory.segments import MOST_S, Segment
 from sins_env.types import Site
 from sins_env.units import DEG
 
-MAX_PITCH_DEG, MAX_ROLL_DEG = 85.0, 180.0
+MAX_PITCH_DEG, MAX_ROLL_DEG, MAX_HEADING_DEG = 85.0, 180.0, 1e6
+MAX_SEGMENTS = 10_000
 #: Largest latitude of the track on a sphere, which is off by less than 0.1 deg. The local-level frame ends at 89.9.
 MAX_LATITUDE_DEG = 89.0
 MAX_SPEED_MPS, MIN_HEIGHT_M, MAX_HEIGHT_M = 1e4, -1e3, 1e5  #: limits of the observation space
-FLIGHT_FILES = (".yaml", ".yml", ".json")  #: endings of the files that may hold a plan
+FLIGHT_FILES = (*YAML_ENDINGS, ".json")  #: endings of the files that may hold a plan
 
 
 class Kinematics(NamedTuple):
@@ -69,17 +70,20 @@ class FlightPlan:
         checks.keep(self, "longitude_deg", checks.number, "-180 to 180", least=-180.0, most=180.0)
         checks.keep(self, "height_m", checks.number, least=MIN_HEIGHT_M, most=MAX_HEIGHT_M)
         checks.keep(self, "speed_mps", checks.number, least=0.0, most=MAX_SPEED_MPS)
-        checks.keep(self, "heading_deg", checks.number)
+        allowed = f"a finite number, -{MAX_HEADING_DEG:g} to {MAX_HEADING_DEG:g}"
+        checks.keep(self, "heading_deg", checks.number, allowed, least=-MAX_HEADING_DEG, most=MAX_HEADING_DEG)
         rows = checks.items(self.segments)
-        if not rows:
-            raise checks.refused("segments", self.segments, "a list of at least one segment")
+        if not rows or len(rows) > MAX_SEGMENTS:
+            raise checks.refused("segments", self.segments, f"a list of at least one segment, at most {MAX_SEGMENTS}")
         segments = []
         for number, given in enumerate(rows, start=1):
             try:
                 segments.append(Segment.of(given))
             except ValueError as error:
-                raise ValueError(f"segment {number} ({given!r}): {error}") from None
+                raise ValueError(f"segment {number} ({checks.shown(given)}): {error}") from None
         object.__setattr__(self, "segments", tuple(segments))
+        if self.duration_s > MOST_S:
+            raise ValueError(f"the segments last {self.duration_s:g} s together; allowed: at most {MOST_S:g} s, a week")
         self._check_corners()
         self._check_path()
 
@@ -97,8 +101,9 @@ class FlightPlan:
             return given
         if isinstance(given, (str, os.PathLike)):
             path = Path(given)
+            fields = _read(path)
             try:
-                return cls.of(_read(path))
+                return cls.of(fields)
             except ValueError as error:
                 raise ValueError(f"{path}: {error}") from None
         if not isinstance(given, Mapping):
@@ -251,16 +256,5 @@ class FlightPlan:
 def _read(path: Path) -> Any:
     """Read a YAML or JSON file."""
     if path.suffix.lower() not in FLIGHT_FILES:
-        raise ValueError(f"no flight; allowed: a file that ends in {', '.join(FLIGHT_FILES)}")
-    text = path.read_text(encoding="utf-8")
-    if path.suffix.lower() == ".json":
-        try:
-            return json.loads(text)
-        except json.JSONDecodeError as error:
-            raise ValueError(str(error)) from None
-    import yaml  # not needed by those who fly the profiles
-
-    try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ValueError(" ".join(str(error).split())) from None
+        raise ValueError(f"{path}: no flight; allowed: a file that ends in {', '.join(FLIGHT_FILES)}")
+    return read_document(path)

@@ -30,6 +30,10 @@ MANOEUVRES = {
 }
 
 
+LEAST_S, MOST_S = 1e-4, 604_800.0  #: limits of a segment and of a whole flight, s; a week
+MOST_RATE = 1e4  #: largest acceleration, m/s^2, and rate of turn, deg/s
+
+
 @dataclass(frozen=True)
 class Segment:
     """A segment of a flight.
@@ -45,13 +49,16 @@ class Segment:
     heading_rate_deg_s: float | tuple[float, ...] = 0.0  #: positive turns right; one number, or (at start, at end)
 
     def __post_init__(self) -> None:
-        checks.keep(self, "duration_s", checks.number, "a positive number of seconds", above=0.0)
+        allowed = f"a positive number of seconds, {LEAST_S:g} to {MOST_S:g}"
+        checks.keep(self, "duration_s", checks.number, allowed, least=LEAST_S, most=MOST_S)
+        limits = {"least": -MOST_RATE, "most": MOST_RATE}
         for name in ("accel_mps2", "pitch_rate_deg_s", "roll_rate_deg_s"):
-            checks.keep(self, name, checks.number)
+            checks.keep(self, name, checks.number, f"a finite number, -{MOST_RATE:g} to {MOST_RATE:g}", **limits)
+        allowed = f"a finite number, or (start, end), -{MOST_RATE:g} to {MOST_RATE:g}"
         if checks.items(self.heading_rate_deg_s) is None:
-            checks.keep(self, "heading_rate_deg_s", checks.number, "a finite number, or (start, end)")
+            checks.keep(self, "heading_rate_deg_s", checks.number, allowed, **limits)
         else:
-            checks.keep(self, "heading_rate_deg_s", checks.numbers, 2, "a finite number, or (start, end)")
+            checks.keep(self, "heading_rate_deg_s", checks.numbers, 2, allowed, **limits)
 
     @classmethod
     def of(cls, given: Any) -> Segment:

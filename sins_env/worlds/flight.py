@@ -16,11 +16,13 @@ from sins_env.specs import GpsSpec, ImuSpec, gps_spec, imu_spec
 from sins_env.trajectory import Flight
 from sins_env.types import NavState, Site, Task
 from sins_env.units import DEG, DEG_PER_H, UG
+from sins_env.worlds.limits import MAX_SPEED
 from sins_env.worlds.profiles import Profile, flight_profile
 from sins_env.worlds.settings import (
     STARTS,
     Timed,
     check_coarse,
+    check_duration,
     check_epoch,
     check_misalignment,
     check_samples,
@@ -84,9 +86,10 @@ class FlightSettings(Timed):
         for name in ("attitude_std_deg", "velocity_std_mps", "position_std_m"):
             if getattr(self, name) is None:
                 set_(self, name, getattr(self.base, name))
-        checks.keep(self, "attitude_std_deg", checks.numbers, 3, "three positive numbers (E, N, U) or None", above=0.0)
-        for name in ("velocity_std_mps", "position_std_m"):
-            checks.keep(self, name, checks.number, "a positive number or None", above=0.0)
+        allowed = "three positive numbers (E, N, U), at most 360, or None"
+        checks.keep(self, "attitude_std_deg", checks.numbers, 3, allowed, above=0.0, most=360.0)
+        for name, most in (("velocity_std_mps", MAX_SPEED), ("position_std_m", 1e7)):
+            checks.keep(self, name, checks.number, f"a positive number or None, at most {most:g}", above=0.0, most=most)
         epochs_per_fix(self.gps_true, self.epoch)
         _ = self.imu_true
 
@@ -98,7 +101,7 @@ class FlightSettings(Timed):
         if self.coarse_s > plan.rest_s and self.start == "unknown":
             allowed = f"at most {plan.rest_s:g} s, while the flight stands still"
             raise checks.refused("coarse", self.coarse, allowed)
-        duration = plan.duration_s if self.duration is None else checks.number("duration", self.duration)
+        duration = check_duration(self.duration, plan.duration_s)
         set_(self, "duration", duration)
         if duration > plan.duration_s + 1e-6:
             raise checks.refused("duration", self.duration, f"at most {plan.duration_s:g} s, the length of the flight")

@@ -15,7 +15,7 @@ from sins_env.prior import PRIORS
 from sins_env.recordings import Recording
 from sins_env.sensors.gps import ZERO_VELOCITY
 from sins_env.specs import GPS_PRESETS, GpsSpec, gps_spec
-from sins_env.worlds.settings import STARTS, check_coarse, check_epoch, check_misalignment
+from sins_env.worlds.settings import STARTS, check_coarse, check_duration, check_epoch, check_misalignment
 
 MODES = ("align", "navigate")  #: allowed values of ``mode``
 #: Default of ``coarse``, s. A recording made for an alignment stands still longer.
@@ -78,7 +78,7 @@ class ReplaySettings:
             allowed = "(start, length) in seconds, or None"
             set_(self, "window", checks.numbers("window", self.window, 2, allowed))
         if self.duration is not None:
-            set_(self, "duration", checks.number("duration", self.duration, "a number of seconds, or None"))
+            set_(self, "duration", check_duration(self.duration, 0.0))
             if self.window is not None:
                 raise ValueError(f"duration = {self.duration:g} with a window; allowed: window = (start, length) alone")
         if self.stride is not None:

@@ -16,8 +16,10 @@ from sins_env.sensors.gps import epochs_per_fix
 from sins_env.specs import GpsSpec, ImuSpec, gps_spec, imu_spec
 from sins_env.types import Site, Task
 from sins_env.units import DEG
+from sins_env.worlds.limits import MAX_TIME
 
 STARTS = ("unknown", "told")  #: allowed values of ``start``
+LEAST_EPOCH_S, MOST_EPOCH_S, MOST_SAMPLES = 1e-4, 3600.0, 10_000  #: limits of an epoch, s, and of its IMU samples
 LONGITUDE_DEG = 116.3  #: Beijing, an assumption, for 000 names no place; see docs/mathematics/simulation.md#presets
 
 
@@ -85,8 +87,7 @@ class SimulationSettings(Timed):
         set_(self, "epoch", check_epoch(self.epoch))
         set_(self, "n_sub", check_samples(self.n_sub))
         set_(self, "coarse", check_coarse(self.coarse, self.start, self.COARSE_S))
-        duration = self.FINE_S + self.coarse_s if self.duration is None else checks.number("duration", self.duration)
-        set_(self, "duration", duration)
+        set_(self, "duration", check_duration(self.duration, self.FINE_S + self.coarse_s))
         check_timing(self.epoch, self.duration_s, self.coarse_s)
         earth.check_latitude(math.radians(checks.number("latitude_deg", self.latitude_deg, "-89.9 to 89.9")))
         set_(self, "heading_deg", check_heading(self.heading_deg))
@@ -157,12 +158,20 @@ def check_heading(given: Any) -> float | tuple[float, ...] | None:
 
 def check_epoch(given: Any) -> float:
     """Check the length of an epoch, a positive number of seconds."""
-    return checks.number("epoch", given, "a positive number of seconds", above=0.0)
+    allowed = f"a positive number of seconds, {LEAST_EPOCH_S:g} to {MOST_EPOCH_S:g}"
+    return checks.number("epoch", given, allowed, least=LEAST_EPOCH_S, most=MOST_EPOCH_S)
+
+
+def check_duration(given: Any, default: float) -> float:
+    """Check the length of an episode, s; None becomes ``default``."""
+    allowed = f"a finite number of seconds, at most {MAX_TIME:g}, or None"
+    return default if given is None else checks.number("duration", given, allowed, most=MAX_TIME)
 
 
 def check_samples(given: Any) -> int:
     """Check the number of IMU samples per epoch."""
-    return checks.whole("n_sub", given, "a whole number of IMU samples per epoch, at least 1", least=1)
+    allowed = f"a whole number of IMU samples per epoch, at least 1, at most {MOST_SAMPLES}"
+    return checks.whole("n_sub", given, allowed, least=1, most=MOST_SAMPLES)
 
 
 def check_coarse(given: Any, start: str, default: float) -> float:
@@ -191,7 +200,8 @@ def check_misalignment(given: Any, start: str) -> tuple[float, ...] | None:
         return None
     if start != "told":
         raise ValueError(f"misalignment_deg with start = {start!r}; allowed: with start = 'told' only")
-    return checks.numbers("misalignment_deg", given, 3, "three finite numbers (E, N, U) in degrees, or None")
+    allowed = "three finite numbers (E, N, U) in degrees, -360 to 360, or None"
+    return checks.numbers("misalignment_deg", given, 3, allowed, least=-360.0, most=360.0)
 
 
 def check_timing(epoch: float, duration: float, coarse: float, name: str = "duration") -> None:

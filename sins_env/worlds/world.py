@@ -138,8 +138,11 @@ def pick_rows(name: str, given: Any, count: int, rngs: Rngs) -> NDArray[np.int64
     whole = all(isinstance(v, (int, np.integer)) and not isinstance(v, bool) for v in values)
     if not whole or (rows is not None and len(rows) != len(rngs)):
         raise checks.refused(name, given, f"one whole number, or a list of {len(rngs)}")
-    index = np.array(values) if rows is not None else int(given) + np.arange(len(rngs))
-    if index.min() < 0 or index.max() >= count:
-        bad = int(index[(index < 0) | (index >= count)][0])
-        raise ValueError(f"{name} {bad} does not exist; allowed: 0 to {count - 1}, for {len(rngs)} runs one each")
-    return index
+    index = values if rows is not None else [int(given) + i for i in range(len(rngs))]
+    for one in index:
+        if not 0 <= one < count:
+            text = (
+                f"{name} {checks.shown(one)} does not exist; allowed: 0 to {count - 1}, for {len(rngs)} runs one each"
+            )
+            raise ValueError(text)
+    return np.array(index)

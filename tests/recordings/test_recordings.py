@@ -156,7 +156,7 @@ def test_not_an_archive(tmp_path, content):
         np.save(path.with_suffix(".npy"), np.ones(3))
         path.with_suffix(".npy").rename(path)
     else:
-        np.savez(path, gyro_counts=np.array([{}, None], dtype=object))
+        files.counts(path, gyro_counts=np.array([{}, None], dtype=object))
     with pytest.raises(ValueError, match=r"other\.npz: not a readable NPZ archive"):
         load(path)
 

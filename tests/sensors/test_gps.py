@@ -4,6 +4,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 from sins_env import attitude, earth
+from sins_env.checks import shown
 from sins_env.motion import Motion
 from sins_env.sensors.gps import Gps, epochs_per_fix
 from sins_env.specs import GPS_PRESETS, GpsSpec
@@ -203,7 +204,7 @@ def test_bad_specs_name_the_field_the_value_and_what_is_allowed(field, value):
     with pytest.raises(ValueError) as error:  # noqa: PT011  the message is compared below
         GpsSpec(**{field: value})
     message = str(error.value)
-    assert message.startswith(f"GpsSpec.{field} = {value!r}")
+    assert message.startswith(f"GpsSpec.{field} = {shown(value)}")
     assert "; allowed: " in message or ": interval = " in message
     assert "inhomogeneous" not in message
 

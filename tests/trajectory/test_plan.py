@@ -193,8 +193,12 @@ def test_a_bad_start_is_one_clear_error(fields, message):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("a.yaml", "latitude_deg: [1", "a.yaml: while parsing a flow"),
-        ("a.json", '{"latitude_deg": 1,}', "a.json: Illegal trailing comma|a.json: Expecting property name"),
+        ("a.yaml", "latitude_deg: [1", "a.yaml: line 2 is no YAML"),
+        (
+            "a.json",
+            '{"latitude_deg": 1,}',
+            "a.json: line 1 is no JSON .(Illegal trailing comma|Expecting property name)",
+        ),
         ("a.yaml", "", "a.yaml: flight = None; allowed: a dict of latitude_deg"),
         ("a.yaml", "latitude_deg: 1", "a.yaml: the flight has no longitude_deg"),
         ("a.yml", YAML.replace("climb", "clim"), r"a.yml: segment 3 .*did you mean 'climb'"),

@@ -6,8 +6,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,12 +13,13 @@ import numpy as np
 
 from sins_env import attitude
 from sins_env.arrays import Array
+from sins_env.reading.archives import Archive, archive
 from sins_env.recordings.assembling import check_unit, geodetic, site
 from sins_env.recordings.axes import to_rfu, turned
 from sins_env.recordings.clock import Samples, check_increasing, clocked, on_grid, resample
 from sins_env.recordings.file_format import Format
 from sins_env.recordings.mapping import Mapping
-from sins_env.recordings.recording import Displacements, Gnss, Recording, Reference, frozen
+from sins_env.recordings.recording import Displacements, Gnss, Recording, Reference, first_few, frozen
 from sins_env.recordings.text import replacing
 
 
@@ -58,33 +57,28 @@ def load(path: Path, mapping: Mapping) -> Recording:
     Raises:
         ValueError: no readable NPZ file, no known layout, or an array of the wrong form.
     """
-    file = _File(path)
-    if OWN in file.arrays:
+    with archive(path) as arrays:
+        return _load(_File(path, arrays), mapping)
+
+
+def _load(file: _File, mapping: Mapping) -> Recording:
+    if OWN in file.keys:
         return _own(file, mapping)
     for name, layout in LAYOUTS.items():
-        if set(layout.keys) <= file.arrays.keys():
+        if set(layout.keys) <= file.keys:
             axes = mapping.axes or layout.axes
             return _counts(file, axes, mapping) if name == "counts" else _increments(file, axes, mapping)
-    lacking = {name: sorted(set(layout.keys) - file.arrays.keys()) for name, layout in LAYOUTS.items()}
+    lacking = {name: sorted(set(layout.keys) - file.keys) for name, layout in LAYOUTS.items()}
     near = min(lacking, key=lambda name: len(lacking[name]))
     missing = ", ".join(lacking[near])
-    raise ValueError(f"{path}: not a known layout; nearest is {near!r}, but keys are missing: {missing}")
+    raise ValueError(f"{file.path}: not a known layout; nearest is {near!r}, but keys are missing: {missing}")
 
 
 class _File:
-    """The arrays of an NPZ file, each checked on demand."""
+    """The arrays of an NPZ file, each read and checked on demand."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        try:
-            with path.open("rb") as stream:  # np.load leaves a file that it opened itself open on failure
-                data = np.load(stream, allow_pickle=False)
-                if not isinstance(data, np.lib.npyio.NpzFile):
-                    raise ValueError("one bare array")
-                with data:
-                    self.arrays = {key: data[key] for key in data.files}
-        except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as error:
-            raise ValueError(f"{path}: not a readable NPZ archive, or a truncated one ({error})") from error
+    def __init__(self, path: Path, arrays: Archive) -> None:
+        self.path, self._arrays, self.keys = path, arrays, set(arrays.keys())
 
     def scalar(self, key: str, positive: bool = False) -> float:
         value = float(self.array(key, ()))
@@ -94,9 +88,9 @@ class _File:
 
     def array(self, key: str, shape: tuple[int | None, ...]) -> Array:
         """Return an array as float64; ``None`` in the shape stands for any length from 1 on."""
-        if key not in self.arrays:
-            raise ValueError(f"{self.path}: {key} is missing; keys there: {', '.join(self.arrays)}")
-        raw = self.arrays[key]
+        if key not in self.keys:
+            raise ValueError(f"{self.path}: {key} is missing; keys there: {first_few(self._arrays.keys(), 30)}")
+        raw = self._arrays.read(key)
         if raw.dtype.kind not in "iuf":
             raise ValueError(f"{self.path}: {key} holds {raw.dtype}; allowed: numbers")
         fits = raw.ndim == len(shape) and all(n == (want or n) for n, want in zip(raw.shape, shape, strict=True))
@@ -108,8 +102,11 @@ class _File:
             raise ValueError(f"{self.path}: {key} is not finite at sample {bad[0, 0] if raw.ndim else 0}")
         return raw.astype(np.float64)
 
+    def text(self, key: str, default: str) -> str:
+        return str(self._arrays.read(key)) if key in self.keys else default
+
     def optional(self, key: str, shape: tuple[int | None, ...]) -> Array | None:
-        return self.array(key, shape) if key in self.arrays else None
+        return self.array(key, shape) if key in self.keys else None
 
     def times(self, key: str) -> Array:
         t = self.array(key, (None,))
@@ -151,7 +148,7 @@ def _increments(file: _File, axes: str, mapping: Mapping) -> Recording:
     clock = clocked(samples, rate, mapping.resample_hz, mapping.drop_duplicates)
     t = file.times("gnss_t_imu_s")
     gnss = Gnss(t, file.array("gnss_vel_enu_mps", (len(t), 3)), file.positions("gnss_llh_deg_m", len(t)))
-    lever = turn @ file.array("lever_arm_est_body_m", (3,)) if "lever_arm_est_body_m" in file.arrays else None
+    lever = turn @ file.array("lever_arm_est_body_m", (3,)) if "lever_arm_est_body_m" in file.keys else None
     t0, rate, dtheta, dvel = clock
     parts = (gnss, lever, _reference(file, turn), _displacements(file))
     return Recording(file.path.stem, rate, t0, dtheta, dvel, site(gnss.pos[0]), *parts)
@@ -159,22 +156,22 @@ def _increments(file: _File, axes: str, mapping: Mapping) -> Recording:
 
 def _displacements(file: _File) -> Displacements | None:
     """Read displacements, whose keys all layouts share; without a span they cover a second."""
-    if "tdcp_t_imu_s" not in file.arrays:
+    if "tdcp_t_imu_s" not in file.keys:
         return None
     t = file.times("tdcp_t_imu_s")
-    span = file.scalar("tdcp_span_s", positive=True) if "tdcp_span_s" in file.arrays else 1.0
+    span = file.scalar("tdcp_span_s", positive=True) if "tdcp_span_s" in file.keys else 1.0
     satellites, residual = (file.array(key, (len(t),)) for key in ("tdcp_nsat", "tdcp_res_rms_m"))
     return Displacements(t, span, file.array("tdcp_disp_enu_m", (len(t), 3)), satellites, residual)
 
 
 def _reference(file: _File, turn: Array) -> Reference | None:
-    if "ref_q_b2n_wxyz" not in file.arrays:
+    if "ref_q_b2n_wxyz" not in file.keys:
         return None
     t = file.times("ref_t_s")
     q = file.quaternions("ref_q_b2n_wxyz", len(t))
     q_nb = attitude.multiply(attitude.normalize(q), attitude.from_dcm(turn.T))
-    vel = file.array("ref_vel_enu_mps", (len(t), 3)) if "ref_vel_enu_mps" in file.arrays else None
-    pos = file.positions("ref_llh_deg_m", len(t)) if "ref_llh_deg_m" in file.arrays else None
+    vel = file.array("ref_vel_enu_mps", (len(t), 3)) if "ref_vel_enu_mps" in file.keys else None
+    pos = file.positions("ref_llh_deg_m", len(t)) if "ref_llh_deg_m" in file.keys else None
     return Reference(t, q_nb, vel, pos)
 
 
@@ -195,14 +192,14 @@ def _own(file: _File, mapping: Mapping) -> Recording:
     dtheta, dvel = (on_grid(index, file.array(key, (n, 3))) for key in ("dtheta_rad", "dvel_mps"))
     place = _in_range(file, "site_rad_m", file.array("site_rad_m", (3,))[None])[0]
     gnss = reference = None
-    if "gnss_t_s" in file.arrays:
+    if "gnss_t_s" in file.keys:
         t = file.times("gnss_t_s")
         vel, pos_std, vel_std = (
             file.optional(f"gnss_{key}", (len(t), 3)) for key in ("vel_enu_mps", "pos_std_enu_m", "vel_std_enu_mps")
         )
         pos = _in_range(file, "gnss_llh_rad_m", file.array("gnss_llh_rad_m", (len(t), 3)))
         gnss = Gnss(t, vel, pos, pos_std, vel_std)
-    if "ref_t_s" in file.arrays:
+    if "ref_t_s" in file.keys:
         t = file.times("ref_t_s")
         llh = file.optional("ref_llh_rad_m", (len(t), 3))
         reference = Reference(
@@ -217,7 +214,7 @@ def _own(file: _File, mapping: Mapping) -> Recording:
         file.scalar("t0_s"),
         dtheta,
         dvel,
-        site(place, str(file.arrays.get("site_earth", "wgs84"))),
+        site(place, file.text("site_earth", "wgs84")),
         gnss,
         file.optional("lever_arm_rfu_m", (3,)),
         reference,

@@ -14,7 +14,8 @@ of attitude alone, ``pos0`` (3,), and ``lever`` (3,) in m.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +23,13 @@ import numpy as np
 
 from sins_env import attitude, checks
 from sins_env.arrays import Array
+from sins_env.reading.matlab import read_matlab
 from sins_env.recordings.assembling import assemble, geodetic
 from sins_env.recordings.axes import heading_pitch_roll, to_rfu, turned
 from sins_env.recordings.clock import Samples, check_increasing, clocked, hz_of
 from sins_env.recordings.file_format import SITE_KEYS, Format
 from sins_env.recordings.mapping import Mapping
-from sins_env.recordings.recording import Gnss, Recording, Reference
+from sins_env.recordings.recording import Gnss, Recording, Reference, first_few
 from sins_env.recordings.text import replacing
 
 AXES = "RFU"
@@ -39,8 +41,8 @@ def load(path: Path, mapping: Mapping) -> Recording:
     Raises:
         ValueError: no readable file, or a variable of the wrong form.
     """
-    file = _variables(path)
-    imu = _matrix(path, file, "imu", (7,))
+    file = _File(path, *read_matlab(path))
+    imu = file.matrix("imu", (7,))
     turn = to_rfu(mapping.axes or AXES)
 
     def row(name: str) -> Any:
@@ -49,73 +51,78 @@ def load(path: Path, mapping: Mapping) -> Recording:
     samples = Samples(str(path), "imu(:,7)", row("imu"), imu[:, 6], turned(imu[:, :3], turn), turned(imu[:, 3:6], turn))
     rate = mapping.rate_hz
     if rate is None and "ts" in file:
-        rate = hz_of(checks.number(f"{path}: ts", np.asarray(file["ts"]).item(), "a positive step in s", above=0.0))
+        rate = hz_of(checks.number(f"{path}: ts", float(file.vector("ts", 1)[0]), "a positive step in s", above=0.0))
     clock = clocked(samples, rate, mapping.resample_hz, mapping.drop_duplicates)
     gnss = reference = None
     if "gps" in file:
-        gps = _matrix(path, file, "gps", (4, 7))
+        gps = file.matrix("gps", (4, 7))
         check_increasing(str(path), "gps time", row("gps"), gps[:, -1])
         pos = geodetic(path, "gps", row("gps"), gps[:, -4:-1], 1.0)
         gnss = Gnss(gps[:, -1].copy(), gps[:, :3].copy() if gps.shape[1] == 7 else None, pos)
     for name, columns in (("avp", 10), ("att", 4)):
         if name in file and reference is None:
-            avp = _matrix(path, file, name, (columns,))
+            avp = file.matrix(name, (columns,))
             check_increasing(str(path), f"{name} time", row(name), avp[:, -1])
             q = attitude.from_euler(-avp[:, 2], avp[:, 0], avp[:, 1])
             whole = columns == 10
             llh = geodetic(path, name, row(name), avp[:, 6:9], 1.0) if whole else None
             reference = Reference(avp[:, -1].copy(), q, avp[:, 3:6].copy() if whole else None, llh)
-    lever = mapping.lever_arm_m if mapping.lever_arm_m is not None else file.get("lever")
-    arm = None if lever is None else turn @ np.array(checks.numbers("lever", np.ravel(lever), 3, "three numbers in m"))
+    lever: Any = mapping.lever_arm_m
+    if lever is None and "lever" in file:
+        lever = file.vector("lever", 3)
+    arm = None if lever is None else turn @ np.array(lever)
     if mapping.site is None:
-        start = _start(path, file)
+        start = _start(file)
         if start is not None:
             mapping = replace(mapping, site=(*np.degrees(start[:2]).tolist(), float(start[2])))
     return assemble(path, mapping, clock, gnss, reference, arm)
 
 
-def _start(path: Path, file: dict[str, Any]) -> Array | None:
+def _start(file: _File) -> Array | None:
     """Return latitude rad, longitude rad and height m, (3,), of the start, if the file has them."""
-    for name, last in (("pos0", None), ("avp0", 9)):
+    for name, count in (("pos0", 3), ("avp0", 9)):
         if name in file:
-            values = np.ravel(np.asarray(file[name], dtype=float))[:last][-3:]
-            return geodetic(path, name, lambda i: "its end", values[None], 1.0)[0]
+            values = file.vector(name, count)[-3:]
+            return geodetic(file.path, name, lambda i: "its end", values[None], 1.0)[0]
     return None
 
 
-def _variables(path: Path) -> dict[str, Any]:
-    """Read the variables of a ``.mat`` file, and those in ``trj`` if there is one."""
-    from scipy.io import loadmat  # slow to import
-    from scipy.io.matlab import MatReadError
+@dataclass(frozen=True)
+class _File:
+    """The variables of a file, each checked on demand."""
 
-    try:
-        with path.open("rb") as stream:
-            file = loadmat(stream, squeeze_me=False)
-    except NotImplementedError as error:
-        raise ValueError(f"{path}: MATLAB 7.3 (HDF5); allowed: save(..., '-v7') or older") from error
-    except (MatReadError, ValueError, TypeError, OSError, EOFError, KeyError, IndexError, MemoryError) as error:
-        raise ValueError(f"{path}: not a readable .mat file, or a truncated one ({error})") from error
-    except Exception as error:  # zlib.error, struct.error and whatever damaged bytes provoke
-        raise ValueError(f"{path}: not a readable .mat file, or a damaged one ({error})") from error
-    trj = file.get("trj")
-    if isinstance(trj, np.ndarray) and trj.dtype.names and trj.size == 1:
-        file = {**file, **{name: trj[name].item() for name in trj.dtype.names}}
-    return file
+    path: Path
+    arrays: dict[str, Any]
+    others: dict[str, str]  #: descriptions of the variables that are no arrays of numbers or text
 
+    def __contains__(self, name: str) -> bool:
+        return name in self.arrays or name in self.others
 
-def _matrix(path: Path, file: dict[str, Any], name: str, columns: tuple[int, ...]) -> Array:
-    if name not in file:
-        there = ", ".join(key for key in file if not key.startswith("__")) or "none"
-        raise ValueError(f"{path}: no variable {name!r}; variables there: {there}")
-    raw = np.asarray(file[name])
-    allowed = " or ".join(map(str, columns))
-    if raw.dtype.kind not in "iuf" or raw.ndim != 2 or raw.shape[1] not in columns or not len(raw):
-        raise ValueError(f"{path}: {name} is {raw.dtype} of shape {raw.shape}; allowed: numbers, (n, {allowed})")
-    matrix = raw.astype(np.float64)
-    bad = np.argwhere(~np.isfinite(matrix))
-    if len(bad):
-        raise ValueError(f"{path}: {name} is not finite at row {bad[0, 0] + 1}, column {bad[0, 1] + 1}")
-    return matrix
+    def _numbers(self, name: str, allowed: str, fits: Callable[[Array], bool]) -> Array:
+        if name not in self:
+            raise ValueError(f"{self.path}: no variable {name!r}; variables there: {self._there()}")
+        raw = self.arrays.get(name)
+        if raw is None or raw.dtype.kind not in "iuf" or not fits(raw):
+            what = self.others[name] if raw is None else f"{raw.dtype} of shape {raw.shape}"
+            raise ValueError(f"{self.path}: {name} is {what}; allowed: {allowed}")
+        values = raw.astype(np.float64)
+        bad = np.argwhere(~np.isfinite(values))
+        if len(bad):
+            place = ", ".join(f"{axis} {i + 1}" for axis, i in zip(("row", "column"), bad[0], strict=False))
+            raise ValueError(f"{self.path}: {name} is not finite at {place}")
+        return values
+
+    def _there(self) -> str:
+        return first_few([*self.arrays, *self.others], 30) or "none"
+
+    def matrix(self, name: str, columns: tuple[int, ...]) -> Array:
+        """Return a matrix (n, columns) of at least one row."""
+        allowed = f"numbers, (n, {' or '.join(map(str, columns))})"
+        return self._numbers(name, allowed, lambda a: a.ndim == 2 and a.shape[1] in columns and len(a) > 0)
+
+    def vector(self, name: str, count: int) -> Array:
+        """Return the first ``count`` numbers of a variable, (count,)."""
+        return self._numbers(name, f"{count} finite numbers", lambda a: a.size >= count).ravel()[:count]
 
 
 def save(recording: Recording, path: Path) -> list[Path]:

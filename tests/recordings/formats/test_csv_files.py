@@ -206,7 +206,7 @@ def cell(row, column, text):
         (cell(1, 2, "gx"), "unknown column of gyro 'wx'; did you mean 'wy'|unknown column of gyro 'wx'"),
         (lambda path: path.write_text("stamp,wx,wy,wz,fx,fy,fz\n"), "no rows of numbers"),
         (lambda path: path.write_text(""), "column of time"),
-        (lambda path: path.write_bytes(bytes(range(256)) * 9), "column of time"),
+        (lambda path: path.write_bytes(bytes(range(256)) * 9), "a NUL byte in line 1"),
     ],
 )
 def test_malformed(tmp_path, change, message):
