@@ -88,5 +88,8 @@ def test_a_header_that_promises_more_than_is_there(tmp_path):
     np.lib.format.write_array_header_1_0(out, {"descr": "<f8", "fortran_order": False, "shape": (300_000_000_000,)})
     with zipfile.ZipFile(path, "w") as made:
         made.writestr("a.npy", out.getvalue() + bytes(24))
-    with archive(path) as found, pytest.raises(ValueError, match=r"a of shape .* needs 2400000000000 bytes, and 24 are"):
+    with (
+        archive(path) as found,
+        pytest.raises(ValueError, match=r"a of shape .* needs 2400000000000 bytes, and 24 are"),
+    ):
         found.read("a")
