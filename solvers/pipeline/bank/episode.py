@@ -1,0 +1,245 @@
+"""One episode of the bank: from epoch to epoch through strapdown, models, fix, reset and merger."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sins_env import attitude, earth
+from sins_env.arrays import Array, Mask
+from sins_env.prior import Prior
+from sins_env.states import ERRORS, FIX, answered
+from sins_env.types import NavState, Observation, Task
+from solvers.pipeline import feedback
+from solvers.pipeline.aiding.gps import Gps, noise_law
+from solvers.pipeline.bank import regimes, start
+from solvers.pipeline.bank.models import Models, propagate
+from solvers.pipeline.bank.slices import Frame, Slices, join, normalised, sum_by_run
+from solvers.pipeline.errors.invariant import Growth, Invariant, Seen
+from solvers.pipeline.errors.model import Parameter
+from solvers.pipeline.errors.navigation import NavigationErrors
+from solvers.pipeline.strapdown import EpochMotion, Strapdown, StrapdownState, carried_sample
+from solvers.types import Gaussian, Health, Measurement
+
+TIDY_EVERY = 5  #: epochs from one merger of slices to the next
+OFFSET = "fix_offset"  #: name of the states of the offset of the fixes
+
+
+class Episode:
+    """The state of the bank in an episode of ``task``."""
+
+    def __init__(
+        self,
+        task: Task,
+        num_runs: int,
+        spacing_deg: float,
+        imu_factors: Sequence[Sequence[float]],
+        fix_factors: Sequence[float],
+        fix_offsets: bool,
+    ) -> None:
+        self.task, self._runs, self._k = task, num_runs, 0
+        self._single = False  # until the first observation tells it
+        self._spacing = math.radians(spacing_deg)
+        model, site = earth.get(task.site.earth), task.site.pos
+        self._strapdown = Strapdown(model, task.epoch_s, task.n_sub, site, hold_position=not task.navigate)
+        offset = (Parameter(OFFSET, 3, "m/s", std=0.0),)
+        self._errors = NavigationErrors(task.navigate, parameters=Gps.parameters(task) + offset)
+        states = self._errors.states
+        self._offset, self._phi = states[OFFSET], states["phi"]
+        self._coordinates = Invariant(model, site, states)
+        self._frame = Frame(model, self._coordinates, self._errors, own=self._offset.start)
+        self._aid = Gps(task, states)
+        self._models = Models(tuple((g, a) for g, a in imu_factors), fix_offsets)
+        self._chain = self._models.chain(task.epoch_s)
+        self._factors = np.array(fix_factors)
+        self._told = regimes.cells(noise_law(task.gps))
+        self._rest = regimes.stationary(len(fix_factors), list(fix_factors).index(1.0))
+        self._Q_gyro = self._errors.noise(replace(task.prior, vrw_ug_sqrt_hz=0.0))
+        self._Q_accel = self._errors.noise(replace(task.prior, arw_deg_sqrt_h=0.0))
+        self.slices: Slices | None = None  #: None before any run has a slice
+        self._begin(num_runs)
+
+    def _begin(self, runs: int) -> None:
+        self._runs = runs
+        self._failed_at = np.full(runs, -1)
+        self._waiting: Mask = np.ones(runs, dtype=bool)  # for the first fix, or for the first epoch of a told start
+        self._nav = NavState(np.zeros((runs, 4)), np.zeros((runs, 3)), np.tile(self.task.site.pos, (runs, 1)))  # answer
+
+    def step(self, obs: Observation) -> Array:
+        """Return the answer at the end of the epoch."""
+        self._single = obs["dtheta"].ndim == 2
+        if self._single:
+            obs = cast(Observation, {name: np.asarray(value)[None] for name, value in obs.items()})
+        self._k += 1
+        if self._k == 1:
+            self._begin(len(obs["dtheta"]))
+            if self.task.start is not None:
+                nav = NavState(*(np.reshape(part, (self._runs, part.shape[-1])) for part in self.task.start))
+                cut = start.told(nav, self.task.prior, self._spacing)
+                self._add(np.arange(self._runs), StrapdownState(cut[0], None), *cut[1:], self.task.prior)
+        if self.slices is not None:
+            self.slices = self._advance(self.slices, obs)
+        if self._waiting.any():
+            self._wait(obs)
+        return self._answer()
+
+    def _add(self, runs: NDArray[np.int64], ins: StrapdownState, weights: Array, variance: Array, prior: Prior) -> None:
+        """Add the slices (len(runs), G, ...) of runs."""
+        G, M = len(weights), self._models.count
+        self._most = G
+        N = len(runs) * G
+        nav = NavState(*(part.reshape(N, -1) for part in ins.nav))
+        x = self._errors.prior(prior, (N,))
+        up = self._phi.stop - 1
+        x.cov[:, up, up] = variance
+        x = self._coordinates.prior(x, nav)
+        added = Slices(
+            run=np.repeat(runs, G),
+            ins=ins._replace(nav=nav),
+            bias=np.zeros((N, 6)),
+            weight=np.tile(weights[:, None] * self._models.first, (len(runs), 1)),
+            mean=np.repeat(x.mean[:, None], M, axis=1),
+            cov=np.repeat(x.cov[:, None], M, axis=1),
+            regimes=np.tile(self._rest, (N, M, 1)),
+        )
+        self.slices = added if self.slices is None else join(self.slices, added)
+        self._waiting[runs] = False
+
+    def _wait(self, obs: Observation) -> None:
+        """Start the runs that have their first fix in this epoch; the answer of the others is the level."""
+        level, waits = start.level(obs), self._waiting.copy()
+        self._nav = self._nav._replace(q_nb=np.where(waits[:, None], level, self._nav.q_nb))
+        runs = np.flatnonzero(waits & (obs["gps_valid"][:, 0] == 1))
+        if not len(runs):
+            return
+        nav, weights, variance = start.anywhere(NavState(*(part[runs] for part in self._nav)), self._spacing)
+        seen = _rows(obs, np.repeat(runs, len(weights)))
+        nav = Gps(self.task, self._errors.states).start(seen, nav.q_nb.reshape(-1, 4))
+        ins = StrapdownState(nav, carried_sample(seen["dtheta"], seen["dvel"]))
+        self._add(runs, ins, weights, variance, start.switch_on_prior(self.task.prior))
+
+    def _advance(self, s: Slices, obs: Observation) -> Slices:
+        """Return the slices one epoch later."""
+        rows, before = _rows(obs, s.run), s.ins.nav
+        bias = self.task.epoch_s / self.task.n_sub * s.bias[:, None]
+        ins, motion = self._strapdown.advance(s.ins, rows["dtheta"] - bias[..., :3], rows["dvel"] - bias[..., 3:])
+        s = self._lose(self._predict(s._replace(ins=ins), motion, before))
+        rows = _rows(obs, s.run)
+        _, me = self._aid.read(rows, s.ins.nav)
+        if me is not None:
+            s = self._lose(self._fix(s, me, np.flatnonzero(rows["gps_valid"][:, 0] == 1)))
+        if self._k % TIDY_EVERY == 0 and len(s.run) > len(np.unique(s.run)):
+            s = self._frame.tidy(s, self._runs)
+        return s
+
+    def _predict(self, s: Slices, motion: EpochMotion, before: NavState) -> Slices:
+        """Mix the models, and take them through the epoch of the INS."""
+        a, b = self._coordinates.at(before), self._coordinates.at(s.ins.nav)
+        F = Growth(a, self._errors.transition(motion, self._Q_gyro).f, b).at_zero[1]
+        D = b.slope()  # it changes nothing in the noise of the accelerometers
+        Q = self._models.gyro * (D @ self._Q_gyro @ D.mT)[:, None] + self._models.accel * self._Q_accel
+        mixed = self._models.mix(s.weight, s.x, self._chain, self._offset)
+        x = propagate(mixed.x, F, Q)
+        return s._replace(weight=mixed.weight, mean=x.mean, cov=x.cov, regimes=mixed.share @ s.regimes)
+
+    def _fix(self, s: Slices, me: Measurement, seen: NDArray[np.int64]) -> Slices:
+        """Return the slices after the fixes, which those at ``seen`` have, with their means fed back into the INS."""
+        if not len(seen):
+            return s
+        z, H = Seen(self._coordinates.at(s.ins.nav), me.h).at_zero
+        H[..., : FIX["dv"].stop, self._offset] -= np.eye(3)  # INS minus fix shows the offset with a minus sign
+        R = me.R if me.R.ndim == 2 else me.R[seen[0]]
+        every = len(seen) == len(s.run)
+        part, nu, H = (s, me.z - z, H) if every else (s.take(seen), (me.z - z)[seen], H[seen])
+        p = regimes.ahead(part.regimes, self._rest)
+        nu = nu[:, None] - part.mean @ H.mT
+        after = regimes.update(part.x, nu, H[:, None], R, p, self._factors, self._told)
+        logs = np.log(part.weight, out=np.full(part.weight.shape, -np.inf), where=part.weight > 0.0)
+        weight = normalised(logs + after.log_likelihood, part.run, self._runs)
+        part = part._replace(weight=weight, mean=after.x.mean, cov=after.x.cov, regimes=after.regimes)
+        part = self._frame.reset(part)
+        return part if every else s.put(seen, part)
+
+    def _lose(self, s: Slices) -> Slices:
+        """Drop slices that are not finite; a run without any is lost."""
+        parts = (s.ins.nav.q_nb, s.ins.nav.vel, s.mean, s.cov, s.weight)
+        if all(math.isfinite(np.add.reduce(part, axis=None)) for part in parts):
+            return s
+        well = np.all([np.isfinite(part).reshape(len(part), -1).all(axis=-1) for part in parts], axis=0)
+        self._failed_at[np.setdiff1d(s.run, s.run[well])] = self._k
+        touched = np.isin(np.arange(self._runs), s.run[~well])
+        s = s.take(well)
+        total = np.where(touched, sum_by_run(s.weight.sum(axis=-1), s.run, self._runs), 1.0)
+        return s._replace(weight=s.weight / total[s.run][:, None])
+
+    def _answer(self) -> Array:
+        """Return the corrected state of each run; a run that is lost keeps its last one."""
+        if self.slices is not None and len(self.slices.run):
+            s = self.slices
+            view = self._frame.view(s, self._runs)
+            runs = np.unique(s.run)
+            at = s.take(view.top[runs]).ins.nav
+            x = self._coordinates.errors(self._frame.mean(s, view, self._runs)[runs], at)
+            nav = self._errors.corrected(self._frame.model, at, x)
+            self._nav = NavState(*(_replaced(old, runs, new) for old, new in zip(self._nav, nav, strict=True)))
+        answer = np.concatenate(self._nav, axis=-1) if self.task.navigate else self._nav.q_nb.copy()
+        return answer[0] if self._single else answer
+
+    def covariance(self) -> Array:
+        """Return the covariance of the corrected errors; that of the start for a run without slices."""
+        told = self.task.prior if self.task.start is not None else start.switch_on_prior(self.task.prior)
+        reported = answered(self.task.navigate)
+        places = ERRORS.places(reported)
+        P = np.tile(told.P0[np.ix_(places, places)], (self._runs, 1, 1))
+        if self.slices is not None and len(self.slices.run):
+            s = self.slices
+            view, runs = self._frame.view(s, self._runs), np.unique(s.run)
+            xi = self._frame.gaussian(s, view, self._runs)
+            x = self._coordinates.gaussian(Gaussian(xi.mean[runs], xi.cov[runs]), s.take(view.top[runs]).ins.nav)
+            here = self._errors.states.span(*reported.names)
+            P[runs] = feedback.corrected_covariance(x.mean[..., self._phi], x.cov[..., here, here])
+        return P[0] if self._single else P
+
+    def health(self) -> Health:
+        """Return which runs were lost, and when."""
+        failed_at = self._failed_at[0] if self._single else self._failed_at.copy()
+        zeros = np.zeros_like(failed_at)
+        return Health(self._k, zeros, failed_at, zeros, bool((self._failed_at >= 0).any()))
+
+    def diagnostics(self) -> dict[str, Array]:
+        """Return weights and headings of the slices, and probabilities of models and regimes, of each run.
+
+        The slots of slices that a run no longer has carry weight zero and a heading of NaN.
+        """
+        if self.slices is None:
+            return {}
+        s, runs = self.slices, self._runs
+        weights = np.zeros((runs, self._most))
+        headings = np.full(weights.shape, np.nan)
+        slot = np.arange(len(s.run)) - np.searchsorted(s.run, s.run)
+        weights[s.run, slot] = s.weight.sum(axis=-1)
+        headings[s.run, slot] = attitude.to_euler(attitude.to_dcm(s.ins.nav.q_nb))[0]
+        found = {
+            "slices": (weights > 0.0).sum(axis=-1).astype(float),
+            "slice_weights": weights,
+            "slice_headings_rad": headings,
+            "model_probabilities": sum_by_run(s.weight, s.run, runs),
+            "regime_probabilities": sum_by_run((s.weight[..., None] * s.regimes).sum(axis=1), s.run, runs),
+        }
+        return {name: value[0] for name, value in found.items()} if self._single else found
+
+
+def _rows(obs: Observation, run: NDArray[np.int64]) -> Observation:
+    """Return the observation of the run of each slice."""
+    return cast(Observation, {name: np.asarray(value)[run] for name, value in obs.items()})
+
+
+def _replaced(old: Array, at: NDArray[np.int64], new: Array) -> Array:
+    out = old.copy()
+    out[at] = new
+    return out
