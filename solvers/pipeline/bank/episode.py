@@ -144,7 +144,7 @@ class Episode:
         D = b.slope()  # it changes nothing in the noise of the accelerometers
         Q = self._models.gyro * (D @ self._Q_gyro @ D.mT)[:, None] + self._models.accel * self._Q_accel
         mixed = self._models.mix(s.weight, s.x, self._chain, self._offset)
-        x = propagate(mixed.x, F, Q)
+        x = propagate(mixed.x, F, Q, self._frame.moving)
         return s._replace(weight=mixed.weight, mean=x.mean, cov=x.cov, regimes=mixed.share @ s.regimes)
 
     def _fix(self, s: Slices, me: Measurement, seen: NDArray[np.int64]) -> Slices:

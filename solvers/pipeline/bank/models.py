@@ -99,15 +99,20 @@ class Models:
         return Mixed(ahead, Gaussian(mean, cov), share)
 
 
-def propagate(x: Gaussian, F: Array, Q: Array) -> Gaussian:
-    """Return F x and F P F' + Q of models (..., M, n) that share F (..., n, n); Q is (..., M, n, n)."""
-    P = sandwich(F, x.cov)
-    P += Q
-    return Gaussian(x.mean @ F.mT, symmetrize(P))
+def propagate(x: Gaussian, F: Array, Q: Array, k: int) -> Gaussian:
+    """Return F x and F P F' + Q of models (..., M, n) that share F (..., n, n); only the first k states are not constant."""
+    P = carried(F, x.cov, k)
+    P[..., :k, :k] += Q[..., :k, :k]
+    return Gaussian(x.mean @ F.mT, P)
 
 
-def sandwich(F: Array, P: Array) -> Array:
-    """Return F P F' for symmetric P (..., M, n, n) and F (..., n, n); one product serves all M."""
+def carried(F: Array, P: Array, k: int) -> Array:
+    """Return F P F' for symmetric P (..., M, n, n) and F (..., n, n), whose rows from k on are those of the identity."""
     *batch, M, n, _ = P.shape
-    half = (P.reshape(*batch, M * n, n) @ F.mT).reshape(P.shape).mT
-    return (np.ascontiguousarray(half).reshape(*batch, M * n, n) @ F.mT).reshape(P.shape)
+    top = F[..., :k, :]
+    X = (P.reshape(*batch, M * n, n) @ top.mT).reshape(*batch, M, n, k)  # P F', one product for all models
+    out = P.copy()
+    out[..., :k, :k] = symmetrize(top[..., None, :, :] @ X)
+    out[..., k:, :k] = X[..., k:, :]
+    out[..., :k, k:] = X[..., k:, :].mT
+    return out

@@ -20,8 +20,7 @@ from sins_env.arrays import Array
 from sins_env.earth import Earth
 from solvers.blocks.conditioning import nis
 from solvers.blocks.mixtures import collapse
-from solvers.blocks.square_root import symmetrize
-from solvers.pipeline.bank.models import sandwich
+from solvers.pipeline.bank.models import carried
 from solvers.pipeline.errors.invariant import Invariant, right_jacobian
 from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT
 from solvers.pipeline.errors.navigation import NavigationErrors
@@ -121,10 +120,11 @@ class View(NamedTuple):
     top: NDArray[np.int64]  #: (runs,), index of the best slice of each run
     d: Array  #: (N, n)
     K: Array  #: (N, n, n)
+    moving: int  #: number of states that K changes, which come first
 
     def seen(self, s: Slices) -> Gaussian:
         """Return the Gaussians (N, M, n), (N, M, n, n) of the slices as errors of the INS of the best one."""
-        return Gaussian(s.mean @ self.K.mT + self.d[:, None], symmetrize(sandwich(self.K, s.cov)))
+        return Gaussian(s.mean @ self.K.mT + self.d[:, None], carried(self.K, s.cov, self.moving))
 
 
 class Frame:
@@ -134,6 +134,7 @@ class Frame:
         self.model, self.coordinates, self.errors = model, coordinates, errors
         self.own = slice(0, own)  #: states of the INS itself; an offset of the fixes follows
         states = errors.states
+        self.moving = states["gyro_bias"].start  #: number of states that an epoch changes, which come first
         self._biases = states.span("gyro_bias", "accel_bias")
         self._units = np.repeat([GYRO_UNIT, ACCEL_UNIT], 3)
 
@@ -148,7 +149,7 @@ class Frame:
             ins=s.ins._replace(nav=nav),
             bias=s.bias + self._units * m[:, self._biases],
             mean=(s.mean - m[:, None]) @ J.mT,
-            cov=symmetrize(sandwich(J, s.cov)),
+            cov=carried(J, s.cov, self.moving),
         )
 
     def difference(self, b: Slices, j: Slices) -> Array:
@@ -172,8 +173,9 @@ class Frame:
         other = np.flatnonzero(np.arange(N) != top[s.run])
         if len(other):
             d[other] = self.difference(s.take(top[s.run[other]]), s.take(other))
-            K[other] = np.linalg.inv(right_jacobian(d[other], self.errors.states))
-        return View(top, d, K)
+            k = slice(self.moving)
+            K[other, k, k] = np.linalg.inv(right_jacobian(d[other], self.errors.states)[:, k, k])
+        return View(top, d, K, self.moving)
 
     def mean(self, s: Slices, view: View, runs: int) -> Array:
         """Return the mean (runs, n) of the slices of each run as errors of the INS of its best one."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from oracles.problems import spd
 
-from solvers.pipeline.bank.models import OFFSET_STD, Models, propagate, sandwich
+from solvers.pipeline.bank.models import OFFSET_STD, Models, carried, propagate
 from solvers.types import Gaussian
 
 IMU = ((1.0, 1.0), (1.0, 0.01), (30.0, 0.01))
@@ -79,10 +79,11 @@ def test_products_of_all_models_at_once():
     F, x, Q = (
         rng.standard_normal((3, 7, 7)),
         Gaussian(rng.standard_normal((3, 4, 7)), spd(rng, 3, 4, 7)),
-        spd(rng, 3, 4, 7),
+        np.zeros((3, 4, 7, 7)),
     )
-    np.testing.assert_allclose(sandwich(F, x.cov), F[:, None] @ x.cov @ F[:, None].mT, atol=1e-12)
-    after = propagate(x, F, Q)
+    F[:, 5:], Q[..., :5, :5] = np.eye(7)[5:], spd(rng, 3, 4, 5)
+    np.testing.assert_allclose(carried(F, x.cov, 5), F[:, None] @ x.cov @ F[:, None].mT, atol=1e-12)
+    after = propagate(x, F, Q, 5)
     np.testing.assert_allclose(after.mean, (F[:, None] @ x.mean[..., None])[..., 0], atol=1e-13)
     np.testing.assert_allclose(after.cov, F[:, None] @ x.cov @ F[:, None].mT + Q, atol=1e-12)
     np.testing.assert_array_equal(after.cov, after.cov.mT)
