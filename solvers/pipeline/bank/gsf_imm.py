@@ -6,7 +6,9 @@ a smaller or larger noise of the IMU, and one with an offset of the fixes, inter
 hundredth or a hundred times the told one, with a memory of some fixes. Slices that agree with the best one are merged into it, and
 soon one is left. An unknown attitude starts with all headings at the first fix, at rest or in motion, without a coarse phase.
 
-Source: docs/mathematics/filters.md#bank-of-inertial-solutions.
+Source: Sorenson & Alspach (1971), doi:10.1016/0005-1098(71)90097-5 (Gaussian sums); Blom & Bar-Shalom (1988),
+doi:10.1109/9.1299 (interacting models); Barrau & Bonnabel (2017), doi:10.1109/TAC.2016.2594085 (coordinates);
+docs/mathematics/filters.md#bank-of-inertial-solutions.
 Departures: the factors of the IMU's noise were chosen with a task in view that tells an angular random walk six times too small.
 """
 
