@@ -67,7 +67,8 @@ def _pairs(name: str, given: Any) -> tuple[tuple[float, ...], ...]:
 
 @register("gsf_imm")
 class GSFIMM:
-    """The recommended solver for alignment and navigation: a bank over the heading, the noises and the start.
+    """The recommended solver for alignment and navigation: a bank over the heading, the noises and the start. After Sorenson &
+    Alspach (1971), Blom & Bar-Shalom (1988), and Barrau & Bonnabel (2017).
 
     It needs no setting. ``spacing_deg`` is the largest width of a slice of headings. ``imu_factors`` are pairs of factors of the
     told variances of gyros and accelerometers, of which the first is the likeliest by far. ``fix_factors`` are factors of the
