@@ -9,7 +9,7 @@ import math
 
 from sins_env.arrays import Array
 from sins_env.kernels.compiling import helper
-from sins_env.kernels.trigonometry import sincos
+from sins_env.kernels.trigonometry import reduced, sincos
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -160,7 +160,7 @@ def normalize(q: Quaternion) -> Quaternion:
 def from_rotvec(r: Vector) -> Quaternion:
     """Return the quaternion of a rotation vector, rad."""
     angle = math.sqrt(dot(r, r))
-    s, c = sincos(0.5 * angle)
+    s, c = sincos(reduced(0.5 * angle))
     k = s / (angle + TINY)
     return c, k * r[0], k * r[1], k * r[2]
 

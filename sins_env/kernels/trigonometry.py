@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from sins_env.arrays import Array
 from sins_env.kernels.compiling import helper
 
-LARGEST = 1e5  #: rad; beyond it the reduction loses digits, and :func:`sincos_row` calls the C library
+LARGEST = 1e5  #: rad, the largest angle of :func:`sincos`; :func:`reduced` takes whole turns off larger ones
 
 _ROUND = 6755399441055744.0  # 1.5 * 2^52: adding and subtracting it rounds to the nearest whole number
 _TWO_OVER_PI = 2.0 / math.pi
+_TURN = 2.0 * math.pi
 # pi / 2 in three parts; the first two have 33 bits, so that their products with a small whole number are exact
 _PI_A, _PI_B, _PI_C = 1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21
 
@@ -49,10 +49,6 @@ def sincos(x: float) -> tuple[float, float]:
 
 
 @helper
-def sincos_row(x: Array, s: Array, c: Array, count: int) -> None:
-    """Fill the rows ``s`` and ``c`` with sine and cosine of the first ``count`` angles of the row ``x``."""
-    for i in range(count):
-        s[i], c[i] = sincos(x[i])
-    for i in range(count):
-        if abs(x[i]) > LARGEST:
-            s[i], c[i] = math.sin(x[i]), math.cos(x[i])
+def reduced(x: float) -> float:
+    """Return an angle without whole turns if it is beyond ``LARGEST``. It prevents vector code."""
+    return x if abs(x) <= LARGEST else x % _TURN

@@ -14,6 +14,7 @@ from functools import cache
 import numpy as np
 
 from sins_env.arrays import Array, Mask
+from sins_env.kernels import helper, kernel
 from solvers.blocks.square_root import cholesky, symmetrize
 from solvers.types import Gaussian, Innovation, Moments
 
@@ -27,11 +28,45 @@ def gain(predicted: Moments) -> tuple[Array, Array, Mask | None]:
     return *root_gain(L, predicted.cross), repaired
 
 
-def root_gain(L: Array, cross: Array) -> tuple[Array, Array]:
+@helper
+def reciprocal(pivot: float) -> float:
+    """Return 1 / pivot, and zero for a direction known exactly (a zero pivot), which hence gets no gain."""
+    return 1.0 / pivot if pivot != 0.0 else 0.0
+
+
+@helper
+def whiten(L: Array, cross: Array, W: Array) -> None:
+    """Fill W (m, n) with L^-1 P_yx, for a lower L (m, m) and P_xy (n, m)."""
+    for i in range(len(L)):
+        inverse = reciprocal(L[i, i])
+        for j in range(len(cross)):
+            total = cross[j, i]
+            for k in range(i):
+                total -= L[i, k] * W[k, j]
+            W[i, j] = inverse * total
+
+
+@helper
+def whiten_vector(L: Array, residual: Array, e: Array) -> None:
+    """Fill e (m) with L^-1 residual, for a lower L (m, m)."""
+    for i in range(len(L)):
+        total = residual[i]
+        for k in range(i):
+            total -= L[i, k] * e[k]
+        e[i] = reciprocal(L[i, i]) * total
+
+
+@kernel("(m,m),(n,m)->(n,m),(m,n)")
+def root_gain(L: Array, cross: Array, K: Array, W: Array) -> None:
     """Return K (..., n, m) and W (..., m, n) with W'W = K S K', from the lower root L of S and P_xy (..., n, m)."""
-    inverse = inverse_lower(L)
-    W = inverse @ cross.mT
-    return W.mT @ inverse, W
+    whiten(L, cross, W)
+    m = len(L)
+    for j in range(len(cross)):
+        for i in range(m - 1, -1, -1):
+            total = W[i, j]
+            for k in range(i + 1, m):
+                total -= L[k, i] * K[j, k]
+            K[j, i] = reciprocal(L[i, i]) * total
 
 
 def condition(prior: Gaussian, predicted: Moments, z: Array) -> tuple[Gaussian, Innovation, Mask | None]:
@@ -39,10 +74,31 @@ def condition(prior: Gaussian, predicted: Moments, z: Array) -> tuple[Gaussian, 
 
     ``prior`` is (..., n), (..., n, n). ``predicted`` holds the moments of z under it, with R in the covariance.
     """
-    K, W, repaired = gain(predicted)
-    residual = z - predicted.mean
-    mean = prior.mean + (K @ residual[..., None])[..., 0]
-    return Gaussian(mean, prior.cov - W.mT @ W), Innovation(residual, predicted.cov), repaired
+    L, repaired = cholesky(predicted.cov)
+    mean, cov, residual = _posterior(prior.mean, prior.cov, predicted.mean, predicted.cross, L, z)
+    return Gaussian(mean, cov), Innovation(residual, predicted.cov), repaired
+
+
+@kernel("(n),(n,n),(m),(n,m),(m,m),(m)->(n),(n,n),(m)")
+def _posterior(
+    x: Array, P: Array, y: Array, cross: Array, L: Array, z: Array, mean: Array, cov: Array, residual: Array
+) -> None:
+    n, m = cross.shape
+    for i in range(m):
+        residual[i] = z[i] - y[i]
+    W, e = np.empty((m, n)), np.empty(m)
+    whiten(L, cross, W)
+    whiten_vector(L, residual, e)
+    for j in range(n):
+        led = 0.0
+        for i in range(m):
+            led += W[i, j] * e[i]
+        mean[j] = x[j] + led
+        for k in range(n):
+            known = 0.0
+            for i in range(m):
+                known += W[i, j] * W[i, k]
+            cov[j, k] = P[j, k] - known
 
 
 def posterior_cov(prior: Gaussian, predicted: Moments, K: Array) -> Array:
@@ -58,7 +114,19 @@ def posterior_cov(prior: Gaussian, predicted: Moments, K: Array) -> Array:
 
 def nis(innovation: Innovation) -> Array:
     """Return the normalised innovation squared r' S^-1 r, shape (...); directions known exactly do not count."""
-    return _squared(_inverse_root(innovation.cov)[0], innovation.residual)
+    return _whitened(cholesky(innovation.cov)[0], innovation.residual)[0]
+
+
+@kernel("(m,m),(m)->(),()")
+def _whitened(L: Array, residual: Array, squared: Array, log_pivots: Array) -> None:
+    """Fill in r' S^-1 r and -log sqrt(det S); directions known exactly do not count."""
+    e = np.empty(len(L))
+    whiten_vector(L, residual, e)
+    squared[0] = log_pivots[0] = 0.0
+    for i in range(len(L)):
+        squared[0] += e[i] * e[i]
+        if L[i, i] != 0.0:
+            log_pivots[0] -= math.log(L[i, i])
 
 
 @cache
@@ -71,41 +139,28 @@ def gate_limit(gate: float, m: int) -> float:
 
 def log_likelihood(innovation: Innovation) -> Array:
     """Return log N(r; 0, S), shape (...), as in 004 (9); directions known exactly do not count."""
-    inverse, _ = _inverse_root(innovation.cov)
-    pivots = np.diagonal(inverse, axis1=-2, axis2=-1)
-    log_pivots = np.log(np.where(pivots == 0.0, 1.0, pivots)).sum(axis=-1)  # -log sqrt(det S)
+    squared, log_pivots = _whitened(cholesky(innovation.cov)[0], innovation.residual)
     m = innovation.residual.shape[-1]
-    return log_pivots - 0.5 * (_squared(inverse, innovation.residual) + m * math.log(2.0 * math.pi))
+    return np.asarray(log_pivots - 0.5 * (squared + m * math.log(2.0 * math.pi)))
 
 
 def inverse(P: Array) -> tuple[Array, Mask | None]:
     """Return P^-1 (..., n, n) and a mask (...) of repaired runs; rows of states known exactly are zero."""
     known = np.diagonal(P, axis1=-2, axis2=-1) == 0.0
-    root, repaired = _inverse_root(P + known[..., None] * np.eye(P.shape[-1]))
-    root = np.where(known[..., None, :], 0.0, root)
+    L, repaired = cholesky(P + known[..., None] * np.eye(P.shape[-1]))
+    root = np.where(known[..., None, :], 0.0, inverse_lower(L))
     return root.mT @ root, repaired
 
 
-def _squared(inverse: Array, residual: Array) -> Array:
-    white = (inverse @ residual[..., None])[..., 0]
-    squared: Array = (white * white).sum(axis=-1)
-    return squared
-
-
-def _inverse_root(S: Array) -> tuple[Array, Mask | None]:
-    """Return L^-1 with S = L L', and a mask of the runs whose S was repaired."""
-    L, repaired = cholesky(S)
-    return inverse_lower(L), repaired
-
-
-def inverse_lower(L: Array) -> Array:
+@kernel("(m,m)->(m,m)")
+def inverse_lower(L: Array, inverse: Array) -> None:
     """Return L^-1 of a lower L (..., m, m). A direction known exactly (a zero row) gets zero, hence no gain."""
-    pivots = np.diagonal(L, axis1=-2, axis2=-1)
-    reciprocal = np.divide(1.0, pivots, out=np.zeros(pivots.shape), where=pivots != 0.0)
-    inverse = np.zeros(L.shape)
-    for i in range(L.shape[-1]):  # forward substitution: a loop over the few rows, for all runs at once
-        inverse[..., i, i] = reciprocal[..., i]
-        if i:
-            row = (L[..., i : i + 1, :i] @ inverse[..., :i, :i])[..., 0, :]
-            inverse[..., i, :i] = -reciprocal[..., i, None] * row
-    return inverse
+    inverse[:] = 0.0
+    for i in range(len(L)):
+        pivot = reciprocal(L[i, i])
+        inverse[i, i] = pivot
+        for j in range(i):
+            total = 0.0
+            for k in range(j, i):
+                total += L[i, k] * inverse[k, j]
+            inverse[i, j] = -pivot * total

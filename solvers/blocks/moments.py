@@ -6,15 +6,18 @@ it, ``Linearized`` takes its Jacobian. Equations: docs/mathematics/filters.md#si
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal, Protocol
 
 import numpy as np
 
 from sins_env.arrays import Array, Mask
 from sins_env.checks import choice, keep
+from sins_env.kernels import helper, kernel
 from solvers.blocks.sigma_rules import PointRule, Points, points
-from solvers.blocks.square_root import ROOTS, symmetrize
+from solvers.blocks.square_root import ROOTS
 from solvers.types import Function, Gaussian, Linear, Moments
 
 STEP = 1e-4  #: step of the numerical Jacobian, in standard deviations
@@ -43,15 +46,42 @@ def moments(g: Function, x: Gaussian, rule: MomentRule) -> tuple[Moments, Mask |
 
 def linear_moments(g: Linear, x: Gaussian) -> Moments:
     """Return the exact moments of an affine map."""
-    cross = _times_transpose(x.cov, g.matrix)
-    return Moments(g(x.mean), symmetrize(_times_transpose(cross.mT, g.matrix)), cross)
+    mean, cov, cross = _through(g.matrix, x.mean, x.cov)
+    return Moments(mean if g.offset is None else mean + g.offset, cov, cross)
 
 
-def _times_transpose(a: Array, matrix: Array) -> Array:
-    """Return a matrix'. If all runs share the matrix this is one product, which is several times faster."""
-    if matrix.ndim > 2:
-        return a @ matrix.mT
-    return (a.reshape(-1, a.shape[-1]) @ matrix.T).reshape(*a.shape[:-1], len(matrix))
+@helper
+def through(F: Array, x: Array, P: Array, mean: Array, cov: Array, cross: Array) -> None:
+    """Fill in F x, F P F' and P F' for F (m, n), x (n) and P (n, n)."""
+    m, n = F.shape
+    rows, wide = np.empty((m, n)), np.empty((n, n))  # contiguous
+    for j in range(m):
+        total = 0.0
+        for k in range(n):
+            rows[j, k] = F[j, k]
+            total += F[j, k] * x[k]
+        mean[j] = total
+    for i in range(n):
+        for k in range(n):
+            wide[i, k] = P[i, k]
+    product = np.empty((m, n))  # F P
+    for i in range(n):
+        for j in range(m):
+            total = 0.0
+            for k in range(n):
+                total += wide[i, k] * rows[j, k]
+            product[j, i] = cross[i, j] = total
+    for i in range(m):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(n):
+                total += rows[i, k] * product[j, k]
+            cov[i, j] = cov[j, i] = total
+
+
+@kernel("(m,n),(n),(n,n)->(m),(m,m),(n,m)")
+def _through(F: Array, x: Array, P: Array, mean: Array, cov: Array, cross: Array) -> None:
+    through(F, x, P, mean, cov, cross)
 
 
 @dataclass(frozen=True)
@@ -71,72 +101,79 @@ class SigmaPoints:
     def transform(self, g: Function, x: Gaussian) -> tuple[Gaussian, Mask | None]:
         p = points(self.rule, x.mean.shape[-1])
         S, repaired = ROOTS[self.root](x.cov)
-        mean, cov, _ = _weigh(g(draw(x.mean, S, p)), p)
-        return Gaussian(mean, cov), repaired
+        return weigh(g(draw(x.mean, S, p)), p), repaired
 
     def moments(self, g: Function, x: Gaussian) -> tuple[Moments, Mask | None]:
         p = points(self.rule, x.mean.shape[-1])
         S, repaired = ROOTS[self.root](x.cov)
-        deviation = p.xi @ S.mT
-        mean, cov, spread = _weigh(g(deviation + x.mean[..., None, :]), p)
-        outer = deviation[..., 1:, :] if p.centre else deviation
-        return Moments(mean, cov, _product(outer, spread, p)), repaired
+        deviation = draw(np.zeros_like(x.mean), S, p)
+        return weigh_pair(deviation, g(deviation + x.mean[..., None, :]), p), repaired
 
 
 def draw(mean: Array, S: Array, p: Points) -> Array:
     """Return the points mean + S xi, shape (..., points, n)."""
-    x = mean[..., None, :]
     if p.radius is None:
         chi = p.xi @ S.mT
-        chi += x  # in place: a second array of this size costs more than the sum
+        chi += mean[..., None, :]  # in place: a second array of this size costs more than the sum
         return chi
-    n, first = mean.shape[-1], int(p.centre)
-    step = p.radius * S.mT
-    chi = np.empty((*mean.shape[:-1], len(p.xi), n))
-    if p.centre:
-        chi[..., 0, :] = mean
-    np.add(x, step, out=chi[..., first : first + n, :])
-    np.subtract(x, step, out=chi[..., first + n :, :])
+    chi = _draw(mean, S, p.xi, p.radius)
     return chi
+
+
+@kernel("(n),(n,n),(p,n),()->(p,n)")
+def _draw(mean: Array, S: Array, xi: Array, radius: float, chi: Array) -> None:
+    """Fill in a centre, if there is a point more, and pairs at the radius on the axes S; ``xi`` tells the number of points."""
+    n = len(mean)
+    first = len(xi) - 2 * n
+    for i in range(n):
+        if first:
+            chi[0, i] = mean[i]
+        for j in range(n):
+            step = radius * S[i, j]
+            chi[first + j, i] = mean[i] + step
+            chi[first + n + j, i] = mean[i] - step
 
 
 def weigh(y: Array, p: Points) -> Gaussian:
     """Return mean (..., m) and covariance (..., m, m) of images y (..., points, m)."""
-    mean, cov, _ = _weigh(y, p)
-    return Gaussian(mean, cov)
+    return Gaussian(*_weigh(y, p.wm, p.wc, p.centre, p.total, p.pull))
 
 
 def weigh_pair(x: Array, y: Array, p: Points) -> Moments:
     """Return the moments of y (..., points, m) and its cross covariance with x (..., points, n), for the same points."""
     n = x.shape[-1]
-    mean, cov, _ = _weigh(np.concatenate([x, y], axis=-1), p)
+    mean, cov = weigh(np.concatenate([x, y], axis=-1), p)
     return Moments(mean[..., n:], cov[..., n:, n:], cov[..., :n, n:])
 
 
-def _weigh(y: Array, p: Points) -> tuple[Array, Array, Array]:
-    """Return mean (..., m), covariance (..., m, m) and the outer images (..., points, m) minus their average."""
-    if not p.centre:
-        mean = p.wm @ y
-        spread = y - mean[..., None, :]
-        return mean, _product(spread, spread, p), spread
-    y0 = y[..., 0, :]
-    spread = y[..., 1:, :] - y0[..., None, :]
-    e = p.wm[1:] @ spread
-    spread -= (e / p.total)[..., None, :]
-    cov = _product(spread, spread, p)
-    if p.pull:
-        cov += p.pull * (e[..., :, None] * e[..., None, :])
-    return y0 + e, cov, spread
-
-
-def _product(a: Array, b: Array, p: Points) -> Array:
-    """Return the sum of w a b' over the outer points, shape (..., a, b)."""
-    if p.equal is not None:
-        product = a.mT @ b  # exactly symmetric for a is b
-        product *= p.equal
-        return product
-    product = (a * p.wc[1 if p.centre else 0 :, None]).mT @ b
-    return symmetrize(product) if a is b else product
+@kernel("(p,m),(p),(p),(),(),()->(m),(m,m)", "ddd?dddd")
+def _weigh(y: Array, wm: Array, wc: Array, centre: bool, total: float, pull: float, mean: Array, cov: Array) -> None:
+    """Fill in the moments of weighted points, as the docstring of ``Points`` has them."""
+    points, m = y.shape
+    first = 1 if centre else 0
+    outer = points - first
+    spread, weighted = np.empty((m, outer)), np.empty(outer)
+    for j in range(m):
+        origin = y[0, j] if centre else 0.0
+        e = 0.0
+        for i in range(outer):
+            spread[j, i] = y[first + i, j] - origin
+            e += wm[first + i] * spread[j, i]
+        mean[j] = e  # without the origin
+        shift = e / total if centre else e
+        for i in range(outer):
+            spread[j, i] -= shift
+    for j in range(m):
+        for i in range(outer):
+            weighted[i] = wc[first + i] * spread[j, i]
+        for k in range(j + 1):
+            product = 0.0
+            for i in range(outer):
+                product += weighted[i] * spread[k, i]
+            cov[j, k] = cov[k, j] = product + (pull * mean[j] * mean[k] if centre else 0.0)
+    if centre:
+        for j in range(m):
+            mean[j] += y[0, j]
 
 
 @dataclass(frozen=True)
@@ -157,13 +194,15 @@ class Linearized:
 def tangent_moments(g: Function, x: Gaussian, at: Array) -> tuple[Moments, Array]:
     """Return the moments under the tangent of g at ``at`` (..., n), and the tangent's matrix (..., m, n)."""
     value, J = tangent(g, at, standard_deviations(x.cov))
-    y = linear_moments(Linear(J), x._replace(mean=x.mean - at))
-    return y._replace(mean=value + y.mean), J
+    y = linear_moments(Linear(J, value), x._replace(mean=x.mean - at))
+    return y, J
 
 
-def standard_deviations(P: Array) -> Array:
-    """Return the standard deviations (..., n) of a covariance (..., n, n)."""
-    return np.sqrt(np.maximum(np.diagonal(P, axis1=-2, axis2=-1), 0.0))
+@kernel("(n,n)->(n)")
+def standard_deviations(P: Array, out: Array) -> None:
+    """Return the standard deviations (..., n) of a covariance (..., n, n); zero for a negative variance."""
+    for i in range(len(P)):
+        out[i] = 0.0 if P[i, i] < 0.0 else math.sqrt(P[i, i])
 
 
 def tangent(g: Function, x: Array, scale: Array) -> tuple[Array, Array]:
@@ -177,14 +216,32 @@ def tangent(g: Function, x: Array, scale: Array) -> tuple[Array, Array]:
         return g(x), g.matrix
     if analytic is not None:
         return g(x), analytic(x)
-    n = x.shape[-1]
-    step = np.maximum(STEP * scale, RELATIVE_STEP * np.abs(x))
-    step[step == 0.0] = RELATIVE_STEP
-    grid = np.empty((*x.shape[:-1], 2 * n + 1, n))
-    grid[...] = x[..., None, :]
-    i = np.arange(n)
-    grid[..., i, i] += step
-    grid[..., n + i, i] -= step
-    y = g(grid)
-    J = (y[..., :n, :] - y[..., n : 2 * n, :]) * (0.5 / step)[..., None]
-    return y[..., 2 * n, :], J.mT
+    grid, step = _stencil(x, scale, _signs(x.shape[-1]))
+    value, J = _slope(g(grid), step)
+    return value, J
+
+
+@cache
+def _signs(n: int) -> Array:
+    """Return the steps (2n + 1, n) of central differences in units of each: forward, back, and none."""
+    return np.vstack([np.eye(n), -np.eye(n), np.zeros(n)])
+
+
+@kernel("(n),(n),(p,n)->(p,n),(n)")
+def _stencil(x: Array, scale: Array, signs: Array, grid: Array, step: Array) -> None:
+    for j in range(len(x)):
+        least = RELATIVE_STEP * abs(x[j])
+        h = STEP * scale[j]
+        h = least if h < least else h
+        step[j] = h = RELATIVE_STEP if h == 0.0 else h
+        for i in range(len(signs)):
+            grid[i, j] = x[j] + signs[i, j] * h
+
+
+@kernel("(p,m),(n)->(m),(m,n)")
+def _slope(y: Array, step: Array, value: Array, J: Array) -> None:
+    n = len(step)
+    for i in range(len(value)):
+        value[i] = y[2 * n, i]
+        for j in range(n):
+            J[i, j] = (y[j, i] - y[n + j, i]) * (0.5 / step[j])

@@ -20,21 +20,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sins_env import attitude
 from sins_env.arrays import Array
 from sins_env.earth import Earth
+from sins_env.kernels import helper, kernel
+from sins_env.kernels.algebra import (
+    Matrix,
+    Vector,
+    add,
+    cross3,
+    matrix,
+    misalignment,
+    mix,
+    scale,
+    subtract,
+    turn,
+    vector,
+)
+from sins_env.kernels.trigonometry import reduced, sincos
 from sins_env.states import Block, Layout
 from sins_env.types import NavState
 from solvers.pipeline import feedback
-from solvers.pipeline.errors.model import (
-    ACCEL_UNIT,
-    GYRO_UNIT,
-    EpochMap,
-    ErrorModel,
-    front,
-    total,
-    turn_euler,
-)
+from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT, ErrorModel, turned
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Transition
 
@@ -47,58 +53,80 @@ STATES = Layout(
         Block("gyro_bias", 3, "deg/h", GYRO_UNIT),
     )
 )
-DV, PHI, NABLA, EPS = (STATES[name] for name in ("dv", "phi", "accel_bias", "gyro_bias"))
-CONSTANT = slice(PHI.stop, None)  #: states that an epoch does not change: biases, and parameters of aids
+DV, PHI = STATES["dv"], STATES["phi"]
 
 
-def first_order_rows(phi: Array) -> Array:
-    """Return C_n^c (3, 3, ...) to first order in phi_E and phi_N, for phi (3, ...) in rad: 000 (2.3.4)."""
-    x, y, z = phi
-    s, c = np.sin(z), np.cos(z)
-    C = np.empty((3, *phi.shape))
-    C[0, 0], C[0, 1], C[0, 2] = c, s, -y
-    C[1, 0], C[1, 1], C[1, 2] = -s, c, x
-    C[2, 0], C[2, 1], C[2, 2] = y * c + x * s, y * s - x * c, 1.0
-    return C
+@helper
+def first_order(phi: Vector, s: Vector, c: Vector) -> Matrix:
+    """Return C_n^c to first order in phi_E and phi_N, with the sines and cosines of phi: 000 (2.3.4)."""
+    return (
+        c[2], s[2], -phi[1],
+        -s[2], c[2], phi[0],
+        phi[1] * c[2] + phi[0] * s[2], phi[1] * s[2] - phi[0] * c[2], 1.0,
+    )  # fmt: skip
 
 
-class AlignmentMap(EpochMap):
-    """The map of ten errors, and of the parameters of aids."""
+@kernel("(p,n),(3),(3),(3,3),(3),(3),(3,3),(),()->(p,n)", "dddddddd?d")
+def _advance(
+    x: Array, dvel_n: Array, vel: Array, bias_C: Array, rate_ie: Array, rate_en: Array, transport: Array, h: float,
+    exact: bool, out: Array,
+) -> None:  # fmt: skip
+    points, n = x.shape
+    X, angles = np.empty((n, points)), np.empty((3, points))  # components in rows, which makes vector code
+    for j in range(n):
+        for i in range(points):
+            X[j, i] = x[i, j]
+    for j in range(3):
+        for i in range(points):
+            angles[j, i] = reduced(X[2 + j, i])
+    force, T = vector(dvel_n), mix(h, matrix(transport), 0.0, matrix(transport))
+    accel, gyro = mix(h * ACCEL_UNIT, matrix(bias_C), 0.0, T), mix(h * GYRO_UNIT, matrix(bias_C), 0.0, T)
+    rate, earth_rate = add(vector(rate_ie), vector(rate_en)), vector(rate_ie)
+    turning = scale(h, rate)
+    # - (2 omega_ie + omega_en) x dV - d_omega_en x V as a matrix on dV; the rest is quadratic in dV
+    coriolis = h * (earth_rate[2] + rate[2])
+    K = T[6] * vel[1] - T[3] * vel[2], coriolis, -coriolis - T[6] * vel[0], T[1] * vel[2]
+    for i in range(points):
+        phi = X[2, i], X[3, i], X[4, i]
+        sx, cx = sincos(angles[0, i])
+        sy, cy = sincos(angles[1, i])
+        sz, cz = sincos(angles[2, i])
+        s, c = (sx, sy, sz), (cx, cy, cz)
+        C = misalignment(s, c) if exact else first_order(phi, s, c)
+        nabla, eps = (X[5, i], X[6, i], 0.0), (X[7, i], X[8, i], X[9, i])
+        u = subtract(force, turn(accel, nabla))
+        gain_E = force[0] - (C[0] * u[0] + C[3] * u[1] + C[6] * u[2])  # (I - C') f + C' C_hat nabla, C at the start
+        gain_N = force[1] - (C[1] * u[0] + C[4] * u[1] + C[7] * u[2])
+        v_E, v_N = X[0, i] + 0.5 * gain_E, X[1, i] + 0.5 * gain_N  # mid-epoch
+        w = subtract(turning, turn(T, (v_E, v_N, 0.0)))
+        r = subtract(subtract(turning, turn(C, w)), turn(gyro, eps))  # rotation of c against n in the epoch
+        change = scale(0.5, cross3(r, force))  # (C_mid - C)' f, with nabla neglected beside f
+        gain_E -= C[0] * change[0] + C[3] * change[1] + C[6] * change[2]
+        gain_N -= C[1] * change[0] + C[4] * change[1] + C[7] * change[2]
+        sway = T[6] * v_E
+        X[0, i] += gain_E + K[0] * v_E + K[1] * v_N - sway * v_N
+        X[1, i] += gain_N + K[2] * v_E + K[3] * v_N + sway * v_E
+        X[2, i], X[3, i], X[4, i] = turned(phi, r, s, c) if exact else add(phi, r)
+    for j in range(n):
+        for i in range(points):
+            out[i, j] = X[j, i]
+
+
+class AlignmentMap:
+    """The map from ten errors x to those after the epoch, for (*batch, n) and, with sigma points, (*batch, points, n).
+
+    The parameters of aids, which follow the ten, are constant.
+    """
 
     def __init__(self, motion: EpochMotion, exact: bool, body_biases: bool) -> None:
-        super().__init__(motion, motion.C if body_biases else np.eye(3))
-        self._exact = exact
-        # - (2 omega_ie + omega_en) x dV - d_omega_en x V as a matrix on dV; the rest is quadratic in dV
-        VE, VN, VU = front(motion.vel)
-        coriolis = front(motion.dt * (2 * motion.rate_ie + motion.rate_en))[2]
-        east, north, up = self.transport[1, 0], self.transport[0, 1], self.transport[2, 0]
-        K = np.zeros((2, 2, *np.broadcast_shapes(VE.shape, coriolis.shape)))
-        K[0, 0], K[0, 1], K[1, 0], K[1, 1] = up * VN - east * VU, coriolis, -coriolis - up * VE, north * VU
-        self._coriolis = K
+        self._ndim = motion.dvel_n.ndim
+        C = motion.C if body_biases else np.eye(3)
+        self._epoch = motion.dvel_n, motion.vel, C, motion.rate_ie, motion.rate_en, motion.transport, motion.dt, exact
 
-    def advance(self, X: Array) -> Array:
-        dV, phi, nabla, eps = X[DV], X[PHI], X[NABLA], X[EPS]
-        if self._exact:
-            C, s, c = attitude.misalignment_rows(phi)
-        else:
-            C = first_order_rows(phi)
-        rows = C[:, :2]  # columns of C for the velocities E and N
-        u = self.force - total(self.accel[:, :2] * nabla, axis=1)
-        gain = self.force[:2] - total(rows * u[:, None], axis=0)  # (I - C') f + C' C_hat nabla, C at the start
-        v = dV + 0.5 * gain  # mid-epoch
-        r = self.rotation(C, self.turn - total(self.transport * v, axis=1), eps)
-        gain -= self.turned_force(rows, r)
-        out = np.empty(X.shape)
-        np.add(dV, gain, out=out[DV])
-        out[DV] += total(self._coriolis * v, axis=1)
-        sway = self.transport[2, 0] * v[0]
-        out[DV][0] -= sway * v[1]
-        out[DV][1] += sway * v[0]
-        if self._exact:
-            turn_euler(phi, r, s, c, out=out[PHI])
-        else:
-            np.add(phi, r, out=out[PHI])
-        out[CONSTANT] = X[CONSTANT]
+    def __call__(self, x: Array) -> Array:
+        if x.ndim == self._ndim:
+            return self(x[..., None, :])[..., 0, :]
+        out: Array = _advance(x, *self._epoch)
         return out
 
 
