@@ -12,6 +12,25 @@ from __future__ import annotations
 import numpy as np
 
 from sins_env.arrays import Array
+from sins_env.kernels import kernel
+from sins_env.kernels.algebra import (
+    angles,
+    conjugated,
+    correction,
+    matrix,
+    misaligned,
+    put_matrix,
+    put_quaternion,
+    put_vector,
+    quaternion,
+    rate_matrix,
+    sincos3,
+    vector,
+)
+from sins_env.kernels.algebra import from_rotvec as exp_map
+from sins_env.kernels.algebra import multiply as hamilton
+from sins_env.kernels.algebra import normalize as unit
+from sins_env.kernels.algebra import to_dcm as dcm
 
 
 def _left_table() -> Array:
@@ -51,7 +70,6 @@ _DCM = _dcm_table()
 _SKEW = np.zeros((3, 9))
 _SKEW[[2, 1, 0], [1, 2, 5]] = -1.0, 1.0, -1.0
 _SKEW[[2, 1, 0], [3, 6, 7]] = 1.0, -1.0, 1.0
-_UNIT = np.eye(3).ravel()
 
 
 def sincos(angle: Array) -> tuple[Array, Array]:
@@ -75,9 +93,10 @@ def right_matrix(q: Array) -> Array:
     return (q @ _RIGHT).reshape(*q.shape[:-1], 4, 4)
 
 
-def multiply(q: Array, p: Array) -> Array:
+@kernel("(4),(4)->(4)")
+def multiply(q: Array, p: Array, out: Array) -> None:
     """Multiply quaternions: the Hamilton product q p, (..., 4)."""
-    return np.matmul(left_matrix(q), p[..., None])[..., 0]
+    put_quaternion(hamilton(quaternion(q), quaternion(p)), out)
 
 
 def conjugate(q: Array) -> Array:
@@ -85,19 +104,19 @@ def conjugate(q: Array) -> Array:
     return q * np.array([1.0, -1.0, -1.0, -1.0])
 
 
-def normalize(q: Array) -> Array:
+@kernel("(4)->(4)")
+def normalize(q: Array, out: Array) -> None:
     """Scale a quaternion (..., 4) to unit length."""
-    return q / np.sqrt(np.add.reduce(q * q, axis=-1, keepdims=True))
+    put_quaternion(unit(quaternion(q)), out)
 
 
 TINY = 1e-300  #: smallest divisor; it keeps a rotation by zero from being 0 / 0
 
 
-def from_rotvec(rotvec: Array) -> Array:
+@kernel("(3)->(4)")
+def from_rotvec(rotvec: Array, q: Array) -> None:
     """Turn a rotation vector (..., 3), rad, into a quaternion (..., 4). See docs/mathematics/frames.md#quaternion."""
-    angle = np.sqrt(np.add.reduce(rotvec * rotvec, axis=-1, keepdims=True))
-    sine, cosine = sincos(0.5 * angle)
-    return np.concatenate([cosine, sine / np.maximum(angle, TINY) * rotvec], axis=-1)
+    put_quaternion(exp_map(vector(rotvec)), q)
 
 
 def rotation_angle(q: Array) -> Array:
@@ -116,10 +135,10 @@ def slerp(q0: Array, q1: Array, w: Array) -> Array:
     return np.where(w == 0.0, q0, np.where(w == 1.0, q1, normalize(mixed)))
 
 
-def to_dcm(q: Array) -> Array:
+@kernel("(4)->(3,3)")
+def to_dcm(q: Array, C: Array) -> None:
     """Turn a unit quaternion q_nb (..., 4) into C_nb (..., 3, 3). 000 (2.2.11)."""
-    outer = (q[..., :, None] * q[..., None, :]).reshape(*q.shape[:-1], 16)
-    return (outer @ _DCM + _UNIT).reshape(*q.shape[:-1], 3, 3)
+    put_matrix(dcm(quaternion(q)), C)
 
 
 def from_dcm(C: Array) -> Array:
@@ -148,17 +167,13 @@ def from_euler(heading: Array | float, pitch: Array | float, roll: Array | float
 
     000 (2.2.6) to (2.2.8).
     """
-    return _zxy(*np.broadcast_arrays(-0.5 * np.asarray(heading), 0.5 * np.asarray(pitch), 0.5 * np.asarray(roll)))
-
-
-def _zxy(*halves: Array) -> Array:
-    """Return the quaternion (..., 4) of Rz Rx Ry, given half the angles."""
-    (sz, sx, sy), (cz, cx, cy) = sincos(np.stack(halves))
-    q = np.empty((*sz.shape, 4))
-    cxcy, sxsy, sxcy, cxsy = cx * cy, sx * sy, sx * cy, cx * sy
-    q[..., 0], q[..., 1] = cz * cxcy - sz * sxsy, cz * sxcy - sz * cxsy
-    q[..., 2], q[..., 3] = cz * cxsy + sz * sxcy, cz * sxsy + sz * cxcy
+    q: Array = _from_euler(heading, pitch, roll)
     return q
+
+
+@kernel("(),(),()->(4)")
+def _from_euler(heading: float, pitch: float, roll: float, q: Array) -> None:
+    put_quaternion(correction((pitch, roll, -heading)), q)
 
 
 def to_euler(C: Array) -> tuple[Array, Array, Array]:
@@ -243,16 +258,16 @@ def misalignment_rows(phi: Array) -> tuple[Array, Array, Array]:
     return C, s, c
 
 
-def misalignment_dcm(phi: Array) -> Array:
+@kernel("(3)->(3,3)")
+def misalignment_dcm(phi: Array, C: Array) -> None:
     """Return C_n^c (..., 3, 3) of phi (..., 3), rad. See docs/mathematics/frames.md#misalignment."""
-    C = misalignment_rows(np.moveaxis(phi, -1, 0))[0]
-    return np.ascontiguousarray(np.moveaxis(C, (0, 1), (-2, -1)))
+    put_matrix(misaligned(*sincos3(vector(phi))), C)
 
 
-def correction_quaternion(phi: Array) -> Array:
+@kernel("(3)->(4)")
+def correction_quaternion(phi: Array, q: Array) -> None:
     """Return the quaternion (..., 4) of C_n^c(phi)' = Rz(phi_U) Rx(phi_E) Ry(phi_N), which removes a misalignment."""
-    half = 0.5 * phi
-    return _zxy(half[..., 2], half[..., 0], half[..., 1])
+    put_quaternion(correction(vector(phi)), q)
 
 
 def misalignment_quaternion(phi: Array) -> Array:
@@ -260,32 +275,22 @@ def misalignment_quaternion(phi: Array) -> Array:
     return conjugate(correction_quaternion(phi))
 
 
-def misalignment_from_dcm(C: Array) -> Array:
+@kernel("(3,3)->(3)")
+def misalignment_from_dcm(C: Array, phi: Array) -> None:
     """Read phi (..., 3), rad, from C_n^c (..., 3, 3); phi_E is within +-90 deg.
 
     See docs/mathematics/frames.md#misalignment.
     """
-    return np.stack(
-        [
-            np.arcsin(np.clip(C[..., 1, 2], -1.0, 1.0)),
-            np.arctan2(-C[..., 0, 2], C[..., 2, 2]),
-            np.arctan2(-C[..., 1, 0], C[..., 1, 1]),
-        ],
-        axis=-1,
-    )
+    put_vector(angles(matrix(C)), phi)
 
 
-def misalignment(q_computed: Array, q_true: Array) -> Array:
+@kernel("(4),(4)->(3)")
+def misalignment(q_computed: Array, q_true: Array, phi: Array) -> None:
     """Return the misalignment phi (..., 3), rad, of a computed attitude: C_n^c(phi) = C_hat_nb C_nb'."""
-    return misalignment_from_dcm(to_dcm(multiply(q_computed, conjugate(q_true))))
+    put_vector(angles(dcm(hamilton(quaternion(q_computed), conjugated(quaternion(q_true))))), phi)
 
 
-def misalignment_rate_matrix(phi: Array) -> Array:
+@kernel("(3)->(3,3)")
+def misalignment_rate_matrix(phi: Array, C_w: Array) -> None:
     """Return C_w (..., 3, 3) with omega_nc^c = C_w phi_dot. See docs/mathematics/frames.md#misalignment."""
-    sx, cx = np.sin(phi[..., 0]), np.cos(phi[..., 0])
-    sy, cy = np.sin(phi[..., 1]), np.cos(phi[..., 1])
-    out = np.zeros((*phi.shape[:-1], 3, 3))
-    out[..., 0, 0], out[..., 0, 2] = cy, -sy * cx
-    out[..., 1, 1], out[..., 1, 2] = 1.0, sx
-    out[..., 2, 0], out[..., 2, 2] = sy, cy * cx
-    return out
+    put_matrix(rate_matrix(*sincos3(vector(phi))), C_w)

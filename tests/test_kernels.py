@@ -15,7 +15,7 @@ import solvers
 from sins_env.evaluation import get_task
 from sins_env.kernels import Kernel, helper, interpreted, kernel
 from sins_env.kernels.compiling import FOLDER, KERNELS, OFF, cache_folder
-from sins_env.kernels.trigonometry import LARGEST, reduced, sincos
+from sins_env.kernels.trigonometry import sincos
 from sins_env.kernels.warming import cold, import_kernels
 
 FACTOR = 3.0
@@ -47,7 +47,7 @@ def longer(x, out):
 @kernel("(n)->(n),(n)")
 def both(x, s, c):
     for i in range(len(x)):
-        s[i], c[i] = sincos(reduced(x[i]))
+        s[i], c[i] = sincos(x[i])
 
 
 @pytest.fixture(params=["compiled", "interpreted"])
@@ -109,7 +109,7 @@ def test_names_that_the_compiler_cannot_follow():
 
 
 def test_sine_and_cosine():
-    """In every quadrant and at the borders; beyond the range of the polynomials to the digits of 2 pi."""
+    """In every quadrant and at the borders; a large angle to its own digits."""
     rng = np.random.default_rng(2)
     borders = np.arange(-40, 41) * np.pi / 4
     x = np.concatenate(
@@ -117,8 +117,8 @@ def test_sine_and_cosine():
             rng.uniform(-7, 7, 4001),
             borders,
             borders + 1e-9,
-            rng.uniform(-LARGEST, LARGEST, 999),
-            [0.0, 1e-300, 1e9, -1e22],
+            rng.uniform(-1e5, 1e5, 999),
+            [0.0, 1e-300],
         ]
     )
     s, c = both(x)
@@ -126,8 +126,8 @@ def test_sine_and_cosine():
     assert np.abs(c - np.cos(x)).max() < 2.3e-16
     assert s[list(x).index(1e-300)] == 1e-300
     np.testing.assert_array_equal(both(x[:3])[0], s[:3])
-    assert both([2e6])[0] == pytest.approx(np.sin(2e6), abs=1e-9)
-    assert np.isnan(both([np.nan])).all()  # without a warning
+    assert both([2e9])[0] == pytest.approx(np.sin(2e9), abs=1e-6)
+    assert np.isnan(both([np.nan, 1e17, -1e300])).all()  # without a warning
 
 
 def test_python_bodies_are_switched_by_an_environment_variable(monkeypatch):
@@ -183,30 +183,50 @@ def test_every_kernel_is_found():
     assert solvers.__name__ in {name.split(".")[0] for name in found}
 
 
-SIZES = {"n": 10, "s": 30, "m": 10, "w": 3, "p": 20, "k": 3}
+SIZES = {"n": 10, "s": 30, "m": 10, "w": 3, "p": 21, "k": 3}
 
 
-@pytest.mark.parametrize("one", every_kernel(), ids=lambda one: f"{one.__module__}.{one.__qualname__}")
-def test_a_row_of_a_batch_is_the_run_alone(one):
-    """Bit for bit, at every place of a batch of 1 to 9, whatever the numbers."""
+ALL = pytest.mark.parametrize("one", every_kernel(), ids=lambda one: f"{one.__module__}.{one.__qualname__}")
+
+
+def drawn(one, runs):
+    """Random inputs of a kernel; a square matrix is positive definite."""
     rng = np.random.default_rng(3)
-    inputs = []
     for i, shape in enumerate(one.inputs):
         sizes = [int(s) if s.isdigit() else SIZES.get(s, 4) for s in shape.split(",") if s]
-        a = rng.standard_normal((9, *sizes))
+        a = rng.standard_normal((runs, *sizes))
         if len(sizes) == 2 and sizes[0] == sizes[1]:
             a = a @ a.mT + np.eye(sizes[0])
-        inputs.append(a.astype(one.dtypes[i]))
+        yield (a if one.dtypes[i] == "d" else np.zeros(a.shape)).astype(one.dtypes[i])
+
+
+@ALL
+def test_a_row_of_a_batch_is_the_run_alone(one):
+    """Bit for bit, at every place of batches of two sizes."""
+    inputs = list(drawn(one, 9))
     with np.errstate(all="ignore"):
         for runs in (9, 4):
-            whole = one(*(a[:runs] for a in inputs))
+            whole = as_tuple(one(*(a[:runs] for a in inputs)))
             for i in range(runs):
-                alone = one(*(a[i] for a in inputs))
-                for x, y in zip(_tuple(whole), _tuple(alone), strict=True):
+                for x, y in zip(whole, as_tuple(one(*(a[i] for a in inputs))), strict=True):
                     np.testing.assert_array_equal(x[i], y)
 
 
-def _tuple(out):
+@ALL
+def test_a_lost_run_does_not_warn(one):
+    """One run is NaN beside a good one, which keeps its bits; no floating-point flag is raised for NaN."""
+    inputs = list(drawn(one, 2))
+    with np.errstate(all="ignore"):
+        good = as_tuple(one(*(a[0] for a in inputs)))
+    for a in inputs:
+        if a.dtype == float:
+            a[1] = np.nan
+    with np.errstate(invalid="raise", divide="ignore"):
+        for x, y in zip(as_tuple(one(*inputs)), good, strict=True):
+            np.testing.assert_array_equal(x[0], y)
+
+
+def as_tuple(out):
     return out if isinstance(out, tuple) else (out,)
 
 

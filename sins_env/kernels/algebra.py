@@ -9,7 +9,7 @@ import math
 
 from sins_env.arrays import Array
 from sins_env.kernels.compiling import helper
-from sins_env.kernels.trigonometry import reduced, sincos
+from sins_env.kernels.trigonometry import sincos
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -160,7 +160,7 @@ def normalize(q: Quaternion) -> Quaternion:
 def from_rotvec(r: Vector) -> Quaternion:
     """Return the quaternion of a rotation vector, rad."""
     angle = math.sqrt(dot(r, r))
-    s, c = sincos(reduced(0.5 * angle))
+    s, c = sincos(0.5 * angle)
     k = s / (angle + TINY)
     return c, k * r[0], k * r[1], k * r[2]
 
@@ -179,8 +179,26 @@ def to_dcm(q: Quaternion) -> Matrix:
 
 
 @helper
-def misalignment(sine: Vector, cosine: Vector) -> Matrix:
-    """Return C_n^c = R_N R_E R_U of a misalignment with these sines and cosines. docs/mathematics/frames.md#misalignment."""
+def conjugated(q: Quaternion) -> Quaternion:
+    """Return the inverse of a unit quaternion."""
+    return q[0], -q[1], -q[2], -q[3]
+
+
+@helper
+def sincos3(a: Vector) -> tuple[Vector, Vector]:
+    """Return the sines and the cosines of three angles."""
+    sx, cx = sincos(a[0])
+    sy, cy = sincos(a[1])
+    sz, cz = sincos(a[2])
+    return (sx, sy, sz), (cx, cy, cz)
+
+
+@helper
+def misaligned(sine: Vector, cosine: Vector) -> Matrix:
+    """Return C_n^c = R_N R_E R_U, with the sines and cosines of phi: 001 (6) with its misprint corrected, erratum 66.
+
+    See docs/mathematics/frames.md#misalignment.
+    """
     sx, sy, sz = sine
     cx, cy, cz = cosine
     return (
@@ -191,10 +209,31 @@ def misalignment(sine: Vector, cosine: Vector) -> Matrix:
 
 
 @helper
-def from_zxy(sine: Vector, cosine: Vector) -> Quaternion:
-    """Return the quaternion of Rz Rx Ry, with the sines and cosines of half the angles z, x, y."""
-    sz, sx, sy = sine
-    cz, cx, cy = cosine
+def rate_matrix(sine: Vector, cosine: Vector) -> Matrix:
+    """Return C_w with omega_nc^c = C_w phi_dot, with the sines and cosines of phi."""
+    sx, sy, _ = sine
+    cx, cy, _ = cosine
+    return cy, 0.0, -sy * cx, 0.0, 1.0, sx, sy, 0.0, cy * cx
+
+
+@helper
+def unturned(s: Vector, c: Vector, r: Vector) -> Vector:
+    """Return C_w^-1 r, with the sines and cosines of phi: docs/mathematics/frames.md#misalignment."""
+    k = (c[1] * r[2] - s[1] * r[0]) / c[0]
+    return c[1] * r[0] + s[1] * r[2], r[1] - s[0] * k, k
+
+
+@helper
+def angles(C: Matrix) -> Vector:
+    """Read phi from C_n^c; phi_E is within +-90 deg."""
+    level = math.sqrt(C[2] * C[2] + C[8] * C[8])
+    return math.atan2(C[5], level), math.atan2(-C[2], C[8]), math.atan2(-C[3], C[4])
+
+
+@helper
+def correction(phi: Vector) -> Quaternion:
+    """Return the quaternion of C_n^c(phi)' = Rz(phi_U) Rx(phi_E) Ry(phi_N)."""
+    (sx, sy, sz), (cx, cy, cz) = sincos3((0.5 * phi[0], 0.5 * phi[1], 0.5 * phi[2]))
     cxcy, sxsy, sxcy, cxsy = cx * cy, sx * sy, sx * cy, cx * sy
     return cz * cxcy - sz * sxsy, cz * sxcy - sz * cxsy, cz * cxsy + sz * sxcy, cz * sxsy + sz * cxcy
 

@@ -6,23 +6,24 @@ import math
 
 from sins_env.kernels.compiling import helper
 
-LARGEST = 1e5  #: rad, the largest angle of :func:`sincos`; :func:`reduced` takes whole turns off larger ones
-
 _ROUND = 6755399441055744.0  # 1.5 * 2^52: adding and subtracting it rounds to the nearest whole number
 _TWO_OVER_PI = 2.0 / math.pi
-_TURN = 2.0 * math.pi
 # pi / 2 in three parts; the first two have 33 bits, so that their products with a small whole number are exact
 _PI_A, _PI_B, _PI_C = 1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21
 
 
 @helper
 def sincos(x: float) -> tuple[float, float]:
-    """Return sine and cosine of an angle up to ``LARGEST``, to one unit in the last place; NaN gives NaN.
+    """Return sine and cosine of an angle, rad, to one unit in the last place; NaN gives NaN.
 
-    The polynomials are those of fdlibm (k_sin.c, k_cos.c) on [-pi/4, pi/4].
+    Beyond 1e5 rad the error is about that of the angle itself, 1e-16 of it; an angle of 1e16 rad has no digits left and gives
+    NaN. The polynomials are those of fdlibm (k_sin.c, k_cos.c) on [-pi/4, pi/4].
     """
     n = (x * _TWO_OVER_PI + _ROUND) - _ROUND
     r = ((x - n * _PI_A) - n * _PI_B) - n * _PI_C
+    r = (
+        r if (n + 0.5) - n == 0.5 else math.nan
+    )  # only equality is asked for: a comparison by size raises a flag for NaN
     z = r * r
     p = 1.58969099521155010221e-10
     p = -2.50507602534068634195e-08 + z * p
@@ -42,13 +43,7 @@ def sincos(x: float) -> tuple[float, float]:
     cosine = w + (((1.0 - w) - half) + z * z * p)
     # n modulo 4, from -2 to 2, is the quadrant
     m = n - 4.0 * ((0.25 * n + _ROUND) - _ROUND)
-    square = m * m  # only equality is asked for, since a comparison by size raises a flag for NaN
+    square = m * m
     a = cosine if square == 1.0 else sine
     b = sine if square == 1.0 else cosine
     return (-a if square == 4.0 or m == -1.0 else a), (-b if square == 4.0 or m == 1.0 else b)
-
-
-@helper
-def reduced(x: float) -> float:
-    """Return an angle without whole turns if it is beyond ``LARGEST``. It prevents vector code."""
-    return x if abs(x) <= LARGEST else x % _TURN

@@ -230,9 +230,11 @@ def _signs(n: int) -> Array:
 @kernel("(n),(n),(p,n)->(p,n),(n)")
 def _stencil(x: Array, scale: Array, signs: Array, grid: Array, step: Array) -> None:
     for j in range(len(x)):
-        least = RELATIVE_STEP * abs(x[j])
-        h = STEP * scale[j]
-        h = least if h < least else h
+        h, least = STEP * scale[j], RELATIVE_STEP * abs(x[j])
+        if h - least != h - least:  # NaN, which a comparison by size would report
+            h = np.nan
+        elif h < least:
+            h = least
         step[j] = h = RELATIVE_STEP if h == 0.0 else h
         for i in range(len(signs)):
             grid[i, j] = x[j] + signs[i, j] * h

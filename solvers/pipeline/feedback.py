@@ -6,40 +6,86 @@ Jacobian C_w(phi')^-1 C(phi_hat)' C_w(phi). Equations: docs/mathematics/error_mo
 
 from __future__ import annotations
 
-import numpy as np
-
-from sins_env import attitude
 from sins_env.arrays import Array
+from sins_env.kernels import helper, kernel
+from sins_env.kernels.algebra import (
+    Matrix,
+    Vector,
+    angles,
+    correction,
+    misaligned,
+    multiply,
+    product,
+    put_matrix,
+    put_quaternion,
+    put_row,
+    put_vector,
+    quaternion,
+    rate_matrix,
+    row,
+    sincos3,
+    transpose,
+    turn,
+    unturned,
+    vector,
+)
 from solvers.types import Function
 
 
-def corrected(q_nb: Array, phi: Array) -> Array:
+@kernel("(4),(3)->(4)")
+def corrected(q_nb: Array, phi: Array, out: Array) -> None:
     """Return the attitude (..., 4) of the INS without its estimated misalignment phi (..., 3), rad."""
-    return attitude.multiply(attitude.correction_quaternion(phi), q_nb)
+    put_quaternion(multiply(correction(vector(phi)), quaternion(q_nb)), out)
 
 
-def corrected_covariance(phi: Array, P: Array) -> Array:
+@kernel("(3),(k,k)->(k,k)")
+def corrected_covariance(phi: Array, P: Array, out: Array) -> None:
     """Return the covariance (..., k, k) of the errors left after the correction by phi (..., 3), rad.
 
     P (..., k, k) is that of phi, which comes first, and of other errors.
     """
-    J = np.broadcast_to(np.eye(P.shape[-1]), P.shape).copy()
-    J[..., :3, :3] = reset_jacobian(phi, phi)
-    return J @ P @ np.swapaxes(J, -1, -2)
+    k = len(P)
+    J = slope(vector(phi), vector(phi))
+    for j in range(k):  # J P, of which the rows of phi alone change
+        column = turn(J, (P[0, j], P[1, j], P[2, j]))
+        out[0, j], out[1, j], out[2, j] = column
+        for i in range(3, k):
+            out[i, j] = P[i, j]
+    for i in range(k):
+        put_row(turn(J, row(out, i)), out, i)
 
 
-def reset_jacobian(phi: Array, phi_hat: Array) -> Array:
+@kernel("(3),(3)->(3,3)")
+def reset_jacobian(phi: Array, phi_hat: Array, J: Array) -> None:
     """Return d phi' / d phi (..., 3, 3) at phi for the reset by phi_hat; both are (..., 3) and broadcast, rad."""
-    left = remaining(phi, phi_hat)
-    turn = np.swapaxes(attitude.misalignment_dcm(phi_hat), -1, -2)
-    J = np.linalg.solve(attitude.misalignment_rate_matrix(left), turn @ attitude.misalignment_rate_matrix(phi))
-    return np.asarray(J, dtype=np.float64)
+    put_matrix(slope(vector(phi), vector(phi_hat)), J)
 
 
-def remaining(phi: Array, phi_hat: Array) -> Array:
+@kernel("(3),(3)->(3)")
+def remaining(phi: Array, phi_hat: Array, left: Array) -> None:
     """Return the misalignment phi' (..., 3) left after the reset, with C(phi') = C(phi_hat)' C(phi), rad."""
-    turn = np.swapaxes(attitude.misalignment_dcm(phi_hat), -1, -2)
-    return attitude.misalignment_from_dcm(turn @ attitude.misalignment_dcm(phi))
+    put_vector(rest(vector(phi), vector(phi_hat)), left)
+
+
+@helper
+def rest(phi: Vector, phi_hat: Vector) -> Vector:
+    """Return the misalignment that is left after the reset by phi_hat."""
+    s, c = sincos3(phi)
+    s_hat, c_hat = sincos3(phi_hat)
+    return angles(product(transpose(misaligned(s_hat, c_hat)), misaligned(s, c)))
+
+
+@helper
+def slope(phi: Vector, phi_hat: Vector) -> Matrix:
+    """Return C_w(phi')^-1 C(phi_hat)' C_w(phi)."""
+    s, c = sincos3(phi)
+    s_hat, c_hat = sincos3(phi_hat)
+    s_left, c_left = sincos3(rest(phi, phi_hat))
+    M = product(transpose(misaligned(s_hat, c_hat)), rate_matrix(s, c))
+    x = unturned(s_left, c_left, (M[0], M[3], M[6]))
+    y = unturned(s_left, c_left, (M[1], M[4], M[7]))
+    z = unturned(s_left, c_left, (M[2], M[5], M[8]))
+    return x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]
 
 
 def reset_maps(x_hat: Array, phi: slice, fed: slice) -> tuple[Function, Function]:
@@ -52,15 +98,26 @@ def reset_maps(x_hat: Array, phi: slice, fed: slice) -> tuple[Function, Function
         return x_hat[..., None, :] if x.ndim > x_hat.ndim else x_hat
 
     def g(x: Array) -> Array:
-        out = x.copy()
-        out[..., fed] -= like(x)[..., fed]
-        out[..., phi] = remaining(x[..., phi], like(x)[..., phi])
-        return out
+        moved: Array = _moved(x, like(x), phi.start, fed.start, fed.stop)
+        return moved
 
     def jacobian(x: Array) -> Array:
-        n = x.shape[-1]
-        J = np.broadcast_to(np.eye(n), (*x.shape, n)).copy()
-        J[..., phi, phi] = reset_jacobian(x[..., phi], like(x)[..., phi])
+        J: Array = _move_slope(x, like(x), phi.start)
         return J
 
     return g, jacobian
+
+
+@kernel("(n),(n),(),(),()->(n)", "ddqqqd")
+def _moved(x: Array, x_hat: Array, phi: int, fed: int, end: int, out: Array) -> None:
+    for i in range(len(x)):
+        out[i] = x[i] - x_hat[i] if fed <= i < end else x[i]
+    put_vector(rest(vector(x[phi:]), vector(x_hat[phi:])), out[phi:])
+
+
+@kernel("(n),(n),()->(n,n)", "ddqd")
+def _move_slope(x: Array, x_hat: Array, phi: int, J: Array) -> None:
+    for i in range(len(x)):
+        for j in range(len(x)):
+            J[i, j] = 1.0 if i == j else 0.0
+    put_matrix(slope(vector(x[phi:]), vector(x_hat[phi:])), J[phi:, phi:])

@@ -29,18 +29,19 @@ from sins_env.kernels.algebra import (
     add,
     cross3,
     matrix,
-    misalignment,
+    misaligned,
     mix,
     scale,
+    sincos3,
     subtract,
     turn,
+    unturned,
     vector,
 )
-from sins_env.kernels.trigonometry import reduced, sincos
 from sins_env.states import Block, Layout
 from sins_env.types import NavState
 from solvers.pipeline import feedback
-from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT, ErrorModel, turned
+from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT, ErrorModel
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Transition
 
@@ -72,13 +73,10 @@ def _advance(
     exact: bool, out: Array,
 ) -> None:  # fmt: skip
     points, n = x.shape
-    X, angles = np.empty((n, points)), np.empty((3, points))  # components in rows, which makes vector code
+    X = np.empty((n, points))  # components in rows, which makes vector code
     for j in range(n):
         for i in range(points):
             X[j, i] = x[i, j]
-    for j in range(3):
-        for i in range(points):
-            angles[j, i] = reduced(X[2 + j, i])
     force, T = vector(dvel_n), mix(h, matrix(transport), 0.0, matrix(transport))
     accel, gyro = mix(h * ACCEL_UNIT, matrix(bias_C), 0.0, T), mix(h * GYRO_UNIT, matrix(bias_C), 0.0, T)
     rate, earth_rate = add(vector(rate_ie), vector(rate_en)), vector(rate_ie)
@@ -88,11 +86,8 @@ def _advance(
     K = T[6] * vel[1] - T[3] * vel[2], coriolis, -coriolis - T[6] * vel[0], T[1] * vel[2]
     for i in range(points):
         phi = X[2, i], X[3, i], X[4, i]
-        sx, cx = sincos(angles[0, i])
-        sy, cy = sincos(angles[1, i])
-        sz, cz = sincos(angles[2, i])
-        s, c = (sx, sy, sz), (cx, cy, cz)
-        C = misalignment(s, c) if exact else first_order(phi, s, c)
+        s, c = sincos3(phi)
+        C = misaligned(s, c) if exact else first_order(phi, s, c)
         nabla, eps = (X[5, i], X[6, i], 0.0), (X[7, i], X[8, i], X[9, i])
         u = subtract(force, turn(accel, nabla))
         gain_E = force[0] - (C[0] * u[0] + C[3] * u[1] + C[6] * u[2])  # (I - C') f + C' C_hat nabla, C at the start
@@ -106,7 +101,7 @@ def _advance(
         sway = T[6] * v_E
         X[0, i] += gain_E + K[0] * v_E + K[1] * v_N - sway * v_N
         X[1, i] += gain_N + K[2] * v_E + K[3] * v_N + sway * v_E
-        X[2, i], X[3, i], X[4, i] = turned(phi, r, s, c) if exact else add(phi, r)
+        X[2, i], X[3, i], X[4, i] = add(phi, unturned(s, c, r) if exact else r)
     for j in range(n):
         for i in range(points):
             out[i, j] = X[j, i]

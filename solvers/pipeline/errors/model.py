@@ -20,8 +20,6 @@ from scipy import linalg
 from sins_env import attitude
 from sins_env.arrays import Array
 from sins_env.earth import Earth
-from sins_env.kernels import helper
-from sins_env.kernels.algebra import Vector
 from sins_env.prior import Prior
 from sins_env.states import ERRORS, Block, Layout
 from sins_env.types import NavState
@@ -55,13 +53,6 @@ def turn_euler(phi: Array, r: Array, s: Array, c: Array, out: Array) -> None:
     out[0] = phi[0] + c[1] * r[0] + s[1] * r[2]
     out[1] = phi[1] + r[1] - s[0] * k
     out[2] = phi[2] + k
-
-
-@helper
-def turned(phi: Vector, r: Vector, s: Vector, c: Vector) -> Vector:
-    """Return phi + C_w^-1 r, with the sines and cosines of phi: docs/mathematics/frames.md#misalignment."""
-    k = (c[1] * r[2] - s[1] * r[0]) / c[0]
-    return phi[0] + c[1] * r[0] + s[1] * r[2], phi[1] + r[1] - s[0] * k, phi[2] + k
 
 
 class EpochMap(ABC):
