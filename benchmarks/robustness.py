@@ -49,14 +49,14 @@ DROP, OVERRIDES = 24, (1, 2)
 MARK = "SINS_ENV_CAMPAIGN"  #: environment variable by which the processes of a trial are known
 LONG_S = 300.0  #: s, after which a command counts as hanging; the machine may be busy
 
-#: The command line, with a task of 20 s for trials that play runs.
+#: The command line, with a task of 10 s for trials that play runs.
 COMMAND = """
 import dataclasses, sys
 from sins_env.cli.main import main
 from sins_env.evaluation.tasks.catalogue import TASKS
 if __name__ == "__main__":
     long = TASKS["sway-white-v0"]
-    TASKS["short-v0"] = dataclasses.replace(long, name="short-v0", kwargs={**long.kwargs, "duration": 20.0}, hold_s=5.0)
+    TASKS["short-v0"] = dataclasses.replace(long, name="short-v0", kwargs={**long.kwargs, "duration": 10.0}, hold_s=2.0)
     sys.exit(main())
 """
 SCRIPT = Path(sys.executable).parent / "sins-env"

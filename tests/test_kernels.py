@@ -293,6 +293,15 @@ def test_a_cache_that_cannot_be_written(own):
     out, err = said(in_fresh_process(own, CALL, **{FOLDER: str(own / "file" / "cache")}))
     assert out == "True 2.0\n"
     assert "cannot be written" in err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of the size of files")
+def test_a_cache_on_a_full_disk(own):
+    """Files may have 1,000 bytes, which is too few for any kernel."""
+    limit = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+    out, err = said(in_fresh_process(own, limit + CALL, **{FOLDER: str(own / "cache")}))
+    assert out == "True 2.0\n"
+    assert "cannot be written: File too large" in err
     assert f"set {FOLDER} to a folder that can" in err
 
 

@@ -121,7 +121,11 @@ class Kernel:
         try:
             with _locked(self.folder) as writable:
                 config.CACHE_DIR = str(self.folder)
-                return _build(self, writable)
+                try:
+                    return _build(self, writable)
+                except OSError as error:  # a full disk: what was compiled cannot be kept
+                    _warn(self.folder, error)
+                    return _build(self, False)
         finally:
             config.CACHE_DIR = kept
 
@@ -252,16 +256,19 @@ def _locked(folder: Path) -> Iterator[bool]:
         folder.mkdir(parents=True, exist_ok=True)
         file = open(folder / "lock", "a")  # noqa: SIM115 - closed below, when the lock is no longer needed
     except OSError as error:
-        text = (
-            f"kernels are compiled in every process anew, because {folder.parent} cannot be written: {error.strerror}"
-        )
-        warnings.warn(f"{text}; set {FOLDER} to a folder that can", RuntimeWarning, stacklevel=2)
+        _warn(folder, error)
         yield False
         return
     with file:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_EX)
         yield True
+
+
+def _warn(folder: Path, error: OSError) -> None:
+    """Warn that a cache folder cannot be written."""
+    text = f"kernels are compiled in every process anew, because {folder.parent} cannot be written: {error.strerror}"
+    warnings.warn(f"{text}; set {FOLDER} to a folder that can", RuntimeWarning, stacklevel=3)
 
 
 def _interpreted(one: Kernel) -> Callable[..., Any]:
