@@ -77,6 +77,8 @@ TOLD_START_STD_DEG = (1.0, 1.0, 15.0)
 ANY_HEADING_STD_DEG = 180.0 / math.sqrt(3.0)
 #: Assumed standard deviations of the misalignment E, N, U after coarse alignment.
 COARSE_STD_DEG = (0.1, 0.1, 2.0)
+#: Assumed standard deviations of the misalignment E, N, U of a level from the specific force of one epoch, at any heading.
+SWITCH_ON_STD_DEG = (3.0, 3.0, ANY_HEADING_STD_DEG)
 START_VELOCITY_STD_MPS = 0.2
 
 

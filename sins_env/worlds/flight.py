@@ -9,7 +9,7 @@ from typing import Any
 
 from sins_env import checks, earth
 from sins_env.arrays import Array
-from sins_env.prior import COARSE_STD_DEG, PRIORS
+from sins_env.prior import COARSE_STD_DEG, PRIORS, SWITCH_ON_STD_DEG
 from sins_env.sensors.gps import Gps, epochs_per_fix
 from sins_env.sensors.imu import Imu, Script
 from sins_env.specs import GpsSpec, ImuSpec, gps_spec, imu_spec
@@ -51,8 +51,9 @@ class FlightSettings(Timed):
     drawn; with ``errors`` "fixed" misalignment and biases are + 1 sigma in every run. ``misalignment_deg`` fixes the
     misalignment, E, N, U.
 
-    With a told start ``Task.site`` is only the region; the start position, with its error, is in ``Task.start``. A ``start``
-    of "unknown" needs a flight that stands still for the coarse phase, which by default lasts for as long as it does.
+    With a told start ``Task.site`` is only the region; the start position, with its error, is in ``Task.start``. The coarse
+    phase of a ``start`` of "unknown" lasts by default for as long as the flight stands still. With a ``coarse`` of 0, and in a
+    flight that begins in motion, estimators begin at switch-on.
 
     Raises:
         ValueError: any value out of its range, or values that do not fit together.
@@ -95,8 +96,6 @@ class FlightSettings(Timed):
 
     def _check_times(self) -> None:
         plan, set_ = self.base.plan, object.__setattr__
-        if self.start == "unknown" and not plan.rest_s:
-            raise ValueError("start = 'unknown'; allowed: 'told', this flight does not start at rest")
         set_(self, "coarse", check_coarse(self.coarse, self.start, plan.rest_s))
         if self.coarse_s > plan.rest_s and self.start == "unknown":
             allowed = f"at most {plan.rest_s:g} s, while the flight stands still"
@@ -187,8 +186,11 @@ def coarse_std_deg(imu: ImuSpec, site: Site, coarse_s: float) -> tuple[float, ..
 
     The level errs by accelerometer bias over gravity. The azimuth comes from the drift of gravity in inertial space. Gyro
     bias and angle random walk disturb this drift, and velocity random walk its measured slope. ``COARSE_STD_DEG`` is
-    added in squares. See docs/mathematics/simulation.md#coarse-spread.
+    added in squares. Without a coarse phase it is that of a level at any heading.
+    See docs/mathematics/simulation.md#coarse-spread.
     """
+    if not coarse_s:
+        return SWITCH_ON_STD_DEG
     model = earth.get(site.earth)
     gravity = float(earth.gravity(model, site.latitude, site.height))
     north = model.rate * math.cos(site.latitude)

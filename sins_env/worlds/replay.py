@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from sins_env import recordings
 from sins_env.arrays import Array, Rngs
-from sins_env.prior import COARSE_STD_DEG, PRIORS, TOLD_START_STD_DEG
+from sins_env.prior import PRIORS, TOLD_START_STD_DEG
 from sins_env.sensors.gps import Fixes, epochs_per_fix, received, zero_velocity_fixes
 from sins_env.sensors.imu import standard_normal
 from sins_env.specs import imu_spec
 from sins_env.types import NavState, Task
 from sins_env.worlds.replay_settings import ReplaySettings
+from sins_env.worlds.settings import unknown_spread
 from sins_env.worlds.windows import Windows
 from sins_env.worlds.world import ChunkedWorld, pick_rows, picked, told_start
 
@@ -63,7 +64,7 @@ class ReplayWorld(ChunkedWorld):
         self.gps, imu = settings.fixes(self.recording), imu_spec(settings.imu)
         gps = self.gps
         self._every = epochs_per_fix(gps, settings.epoch) if self.recording.gnss is None else 1
-        spread = TOLD_START_STD_DEG if told else COARSE_STD_DEG
+        spread = TOLD_START_STD_DEG if told else unknown_spread(coarse)
         prior = PRIORS[settings.prior](imu, gps, settings.epoch, spread)
         self.task = Task(
             id=env_id,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sins_env import checks, earth
 from sins_env.arrays import Array
-from sins_env.prior import ANY_HEADING_STD_DEG, COARSE_STD_DEG, PRIORS, TOLD_START_STD_DEG
+from sins_env.prior import ANY_HEADING_STD_DEG, COARSE_STD_DEG, PRIORS, SWITCH_ON_STD_DEG, TOLD_START_STD_DEG
 from sins_env.sensors.gps import epochs_per_fix
 from sins_env.specs import GpsSpec, ImuSpec, gps_spec, imu_spec
 from sins_env.types import Site, Task
@@ -47,7 +47,8 @@ class SimulationSettings(Timed):
     """Settings that all simulated bases share. Values are those that JSON can hold.
 
     ``duration``, s, includes the ``coarse`` phase, s. A ``coarse`` of None is 120 s (a car 90 s) for an unknown start and
-    0 for a told one. A ``duration`` of None leaves 360 s (a car 210 s) for the fine phase.
+    0 for a told one. With an unknown start and a ``coarse`` of 0, estimators begin at switch-on. A ``duration`` of None leaves
+    360 s (a car 210 s) for the fine phase.
 
     ``imu`` and ``gps`` are the name of a preset or a dict of fields.
 
@@ -129,7 +130,7 @@ class SimulationSettings(Timed):
 
     def task(self, env_id: str) -> Task:
         """Return what estimators are told; the reset of an episode fills in its start."""
-        spread = TOLD_START_STD_DEG if self.start == "told" else COARSE_STD_DEG
+        spread = TOLD_START_STD_DEG if self.start == "told" else unknown_spread(self.coarse_s)
         if self.any_heading:
             spread = (*spread[:2], ANY_HEADING_STD_DEG)
         prior = PRIORS[self.prior](self.imu_true, self.gps_true, self.epoch, spread)
@@ -178,16 +179,19 @@ def check_coarse(given: Any, start: str, default: float) -> float:
     """Check the length of the coarse phase, s. None becomes ``default`` for an unknown start, and 0 for a told one.
 
     Raises:
-        ValueError: an unknown start without a coarse phase, or a told one with it.
+        ValueError: a told start with a coarse phase.
     """
     if given is None:
         return 0.0 if start == "told" else default
     value = checks.number("coarse", given, "a number of seconds, not negative", least=0.0)
     if start == "told" and value:
         raise ValueError(f"coarse = {given!r} with start = 'told'; allowed: 0, a told start needs no coarse phase")
-    if start == "unknown" and not value:
-        raise ValueError(f"coarse = {given!r} with start = 'unknown'; allowed: a positive number of seconds, or None")
     return value
+
+
+def unknown_spread(coarse_s: float) -> tuple[float, ...]:
+    """Return the standard deviations of the attitude, E, N, U in degrees, with which fine alignment begins at an unknown start."""
+    return COARSE_STD_DEG if coarse_s else SWITCH_ON_STD_DEG
 
 
 def check_misalignment(given: Any, start: str) -> tuple[float, ...] | None:

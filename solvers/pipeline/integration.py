@@ -13,22 +13,28 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sins_env import earth
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
+from sins_env.prior import Prior
 from sins_env.states import ERRORS, answered
 from sins_env.types import NavState, Observation, Rng, Task
+from solvers.filters.base import choose, mixed
 from solvers.filters.brief import changed
 from solvers.pipeline import coarse as coarse_methods
 from solvers.pipeline import feedback as reset
+from solvers.pipeline import switch_on
 from solvers.pipeline.aiding.aid import Aid
 from solvers.pipeline.errors.invariant import Euler, Invariant
 from solvers.pipeline.errors.model import ErrorModel
 from solvers.pipeline.settings import Settings
-from solvers.pipeline.strapdown import Strapdown, StrapdownState
+from solvers.pipeline.strapdown import Strapdown, StrapdownState, carried_sample
 from solvers.types import Filter, Health
 
 
 class Integration(ABC):
-    """Base of the estimators around a filter. A told start leads straight to the fine phase, an unknown one to the coarse."""
+    """Base of the estimators around a filter. A told start leads straight to the fine phase, an unknown one to the coarse.
+
+    If the task has no coarse phase, an unknown start waits for the first fix (:mod:`solvers.pipeline.switch_on`).
+    """
 
     navigates: ClassVar[bool]  #: whether the INS and the answer have a position
     default: ClassVar[Settings]  #: values for what neither the settings nor the filter say
@@ -65,6 +71,7 @@ class Integration(ABC):
         self._phi, self._fed = states["phi"], states.span(*self._errors.fed)
         self._Q, self._aid = self._errors.noise(task.prior), self.aid(task, states)
         self._coarse: coarse_methods.Coarse | None = None
+        self._waiting: Mask = np.zeros(self._batch, dtype=bool)  # runs that have had no fix since switch-on
         self.ins: StrapdownState | None = None  #: state of the INS; None before the fine phase
         #: Biases of gyro and accelerometer that have been fed back so far, per increment; None if there are none.
         self.bias: tuple[Array, Array] | None = None
@@ -83,7 +90,8 @@ class Integration(ABC):
         if self._k == 1:
             self._begin(obs["dtheta"].shape[:-2])
         if self._coarse is None:
-            return self.answer(self._fine(obs))
+            nav = None if self.ins is None else self._fine(obs)
+            return self.answer(self._wait(obs, nav))
         self._coarse.add(obs)
         nav = self._aid.start(obs, self._coarse.attitude())
         if self._k * task.epoch_s >= task.coarse_s - 1e-9 * task.epoch_s:
@@ -118,17 +126,39 @@ class Integration(ABC):
 
     def _begin(self, batch: tuple[int, ...]) -> None:
         self._batch, start = batch, self.task.start
-        if start is None:
+        if start is None and not self.task.coarse_s:
+            self._waiting = np.ones(batch, dtype=bool)
+        elif start is None:
             assert self.settings.coarse is not None
             self._coarse = coarse_methods.start(self.settings.coarse, self.task, batch)
         else:
             self._start_fine(NavState(*(np.reshape(part, (*batch, part.shape[-1])) for part in start)))
 
-    def _start_fine(self, nav: NavState) -> None:
+    def _wait(self, obs: Observation, nav: NavState | None) -> NavState:
+        """Start the runs that have their first fix, and return the answer: ``nav`` in the runs that have started before."""
+        if nav is not None and not self._waiting.any():
+            return nav
+        level = self._aid.start(obs, switch_on.level(obs))
+        now = self._waiting & (obs["gps_valid"][..., 0] == 1)
+        if nav is None or now.any():
+            ins, bias, belief = self.ins, self.bias, self.belief
+            self._start_fine(level, switch_on.switch_on_prior(self.task.prior))
+            self.ins = StrapdownState(level, carried_sample(obs["dtheta"], obs["dvel"]))
+            if nav is not None:
+                self.ins, self.belief = choose(now, self.ins, ins), mixed(now, self.belief, belief)
+                if bias is not None:
+                    gyro, accel = (np.where(now[..., None], 0.0, part) for part in bias)
+                    self.bias = gyro, accel
+        answer: NavState = level if nav is None else choose(self._waiting, level, nav)
+        self._waiting = self._waiting & ~now
+        return answer
+
+    def _start_fine(self, nav: NavState, prior: Prior | None = None) -> None:
+        """Begin the fine phase with a state of the INS, and a prior of its errors; None: the told one."""
         self._coarse = None
         self.ins = self._strapdown.start(nav)
-        prior = self._coordinates.prior(self._errors.prior(self.task.prior, self._batch), nav)
-        self.belief = self.filter.init(prior, self._rng)
+        errors = self._errors.prior(self.task.prior if prior is None else prior, self._batch)
+        self.belief = self.filter.init(self._coordinates.prior(errors, nav), self._rng)
 
     def _fine(self, obs: Observation) -> NavState:
         assert self.ins is not None

@@ -285,6 +285,16 @@ def test_the_noise_of_zhao_swells_and_fades(n_sub):
         assert (found.std(axis=(1, 2)) < 1.2 * sigma + 0.05 * sigma.max()).all()
 
 
+@pytest.mark.parametrize("settings", [{"profile": "lu-gauss"}, {"coarse": 0.0}])
+def test_an_unknown_start_in_motion_or_without_a_coarse_phase_tells_a_level_at_any_heading(settings):
+    env = gymnasium.make(FLIGHT, start="unknown", **settings).unwrapped
+    _, info = env.reset(seed=0)
+    assert info["start"]["known"] is False
+    assert env.task.start is None
+    assert env.task.coarse_s == 0.0
+    assert_allclose(env.task.prior.attitude_std_deg, [3.0, 3.0, 180.0 / np.sqrt(3.0)])
+
+
 def test_an_unknown_start_stands_still_and_is_told_what_coarse_alignment_leaves():
     env = gymnasium.make(FLIGHT, start="unknown").unwrapped
     _, info = env.reset(seed=0)
@@ -326,8 +336,8 @@ BAD = [
     ({"duration": 2.55}, "duration = 2.55 s with epochs of 0.1 s; allowed: a whole number of epochs"),
     ({"epoch": 0.3, "duration": 3.0}, "segment 1 (cruise, 0 to 100 s) ends at 100 s, between IMU samples of 0.3 s"),
     (
-        {"start": "unknown", "profile": "lu-gauss"},
-        "start = 'unknown'; allowed: 'told', this flight does not start at rest",
+        {"start": "unknown", "profile": "lu-gauss", "coarse": 5.0},
+        "coarse = 5.0; allowed: at most 0 s, while the flight stands",
     ),
     ({"start": "unknown", "coarse": 101.0, "duration": 200.0}, "coarse = 101.0; allowed: at most 100 s"),
     ({"start": "unknown", "coarse": 1.0, "misalignment_deg": (1, 1, 1)}, "misalignment_deg with start = 'unknown'"),

@@ -105,7 +105,7 @@ def test_a_record_is_the_same_run_as_without_records():
         ({"heading_deg": []}, ["heading_deg = []", "a list of them"]),
         ({"heading_deg": [1.0, "x"]}, ["heading_deg = [1.0, 'x']"]),
         ({"vibration": True}, ["'vibration'", "Allowed: "]),
-        ({"coarse": 0.0}, ["coarse = 0.0 with start = 'unknown'"]),
+        ({"coarse": -1.0}, ["coarse = -1.0"]),
     ],
 )
 def test_settings_are_refused_with_one_clear_error(settings, parts):

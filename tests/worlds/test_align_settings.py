@@ -159,7 +159,6 @@ BAD = [
     ({"n_sub": float("nan")}, "n_sub = nan; allowed"),
     ({"n_sub": True}, "n_sub = True; allowed"),
     ({"epoch": 10**400}, "allowed: a positive number"),
-    ({"start": "unknown", "coarse": 0}, "coarse = 0 with start = 'unknown'; allowed: a positive number"),
     ({"start": {}}, "unknown start {}"),
     ({"prior": {}}, "unknown prior {}; allowed: matched, thesis"),
     ({"motion": ["thesis"]}, "unknown motion ['thesis']"),

@@ -15,7 +15,7 @@ from sins_env.arrays import Array, Mask
 from sins_env.prior import Prior
 from sins_env.states import ERRORS, FIX, answered
 from sins_env.types import NavState, Observation, Task
-from solvers.pipeline import feedback
+from solvers.pipeline import feedback, switch_on
 from solvers.pipeline.aiding.gps import Gps, noise_law
 from solvers.pipeline.bank import regimes, start
 from solvers.pipeline.bank.models import Models, propagate
@@ -112,7 +112,7 @@ class Episode:
 
     def _wait(self, obs: Observation) -> None:
         """Start the runs that have their first fix in this epoch; the answer of the others is the level."""
-        level, waits = start.level(obs), self._waiting.copy()
+        level, waits = switch_on.level(obs), self._waiting.copy()
         self._nav = self._nav._replace(q_nb=np.where(waits[:, None], level, self._nav.q_nb))
         runs = np.flatnonzero(waits & (obs["gps_valid"][:, 0] == 1))
         if not len(runs):
@@ -121,7 +121,7 @@ class Episode:
         seen = _rows(obs, np.repeat(runs, len(weights)))
         nav = Gps(self.task, self._errors.states).start(seen, nav.q_nb.reshape(-1, 4))
         ins = StrapdownState(nav, carried_sample(seen["dtheta"], seen["dvel"]))
-        self._add(runs, ins, weights, variance, start.switch_on_prior(self.task.prior))
+        self._add(runs, ins, weights, variance, switch_on.switch_on_prior(self.task.prior))
 
     def _advance(self, s: Slices, obs: Observation) -> Slices:
         """Return the slices one epoch later."""
@@ -192,7 +192,7 @@ class Episode:
 
     def covariance(self) -> Array:
         """Return the covariance of the corrected errors; that of the start for a run without slices."""
-        told = self.task.prior if self.task.start is not None else start.switch_on_prior(self.task.prior)
+        told = self.task.prior if self.task.start is not None else switch_on.switch_on_prior(self.task.prior)
         reported = answered(self.task.navigate)
         places = ERRORS.places(reported)
         P = np.tile(told.P0[np.ix_(places, places)], (self._runs, 1, 1))
