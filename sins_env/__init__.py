@@ -22,11 +22,18 @@ Importing this package registers the environments of :mod:`sins_env.envs` with G
 In either order of the two imports ``gymnasium.make("SINS/AlignSway-v0")`` works afterwards.
 """
 
+from importlib import import_module as _import
+from importlib.util import find_spec as _find_spec
+from typing import TYPE_CHECKING as _TYPES
+from typing import Any as _Any
+
 from sins_env import moved as _moved
 from sins_env import registering as _registering
-from sins_env.prior import Prior
-from sins_env.specs import GPS_PRESETS, IMU_PRESETS, GpsSpec, ImuSpec
-from sins_env.types import Estimator, NavState, Observation, Site, Task
+
+if _TYPES:
+    from sins_env.prior import Prior
+    from sins_env.specs import GPS_PRESETS, IMU_PRESETS, GpsSpec, ImuSpec
+    from sins_env.types import Estimator, NavState, Observation, Site, Task
 
 __version__ = "0.1.0"
 __all__ = [
@@ -41,6 +48,23 @@ __all__ = [
     "Site",
     "Task",
 ]
+
+#: Modules of the public names. They are imported when a name is asked for, so that the command line can begin before.
+_MODULES = {"Prior": "prior", **dict.fromkeys(("GPS_PRESETS", "IMU_PRESETS", "GpsSpec", "ImuSpec"), "specs")}
+
+
+def __getattr__(name: str) -> _Any:
+    if name in __all__:
+        found = globals()[name] = getattr(_import(f"{__name__}.{_MODULES.get(name, 'types')}"), name)
+        return found
+    if not name.startswith("_") and _find_spec(f"{__name__}.{name}"):
+        return _import(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
 
 _moved.install()
 _registering.install()

@@ -29,7 +29,7 @@ MOVED = {
     "sins_env.evaluation.cache": "sins_env.evaluation.bound.cache",
     "sins_env.evaluation.catalogue": "sins_env.evaluation.tasks.catalogue",
     "sins_env.evaluation.check": "sins_env.evaluation.contract",
-    "sins_env.evaluation.cli": "sins_env.cli.main sins_env.cli.grammar sins_env.cli.arguments",
+    "sins_env.evaluation.cli": "sins_env.cli.main sins_env.cli.command sins_env.cli.grammar sins_env.cli.arguments",
     "sins_env.evaluation.commands": (
         "sins_env.cli.verbs.run sins_env.cli.verbs.evaluate sins_env.cli.verbs.check sins_env.cli.verbs.bench"
     ),

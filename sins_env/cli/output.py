@@ -6,14 +6,26 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from sins_env.writing.files import replacing
+from sins_env.writing.visible import LAYOUT, visible
+
 
 class RunFailed(Exception):
     """Error of a command that was used rightly but whose run failed, in one line."""
 
 
+MOST_SAID = 4096  #: most characters of a message on standard error
+
+
 def remark(text: str) -> None:
-    """Print a remark on standard error."""
-    print(text, file=sys.stderr)
+    """Print a remark on standard error; what does not print is shown as an escape."""
+    print(visible(text, keep=LAYOUT), file=sys.stderr)
+
+
+def say(message: str) -> None:
+    """Print a message of the command as one line on standard error; a very long one is cut."""
+    line = visible(" ".join(message.split()), keep=LAYOUT)
+    print(f"sins-env: {line if len(line) <= MOST_SAID else line[:MOST_SAID] + ' ...'}", file=sys.stderr)
 
 
 def check_plot(path: str | None, option: str = "--plot") -> None:
@@ -37,5 +49,6 @@ def check_plot(path: str | None, option: str = "--plot") -> None:
 
 def save_figure(figure: Any, path: str | Path) -> None:
     """Write a figure in the format of the path's ending, and print a remark."""
-    figure.savefig(path, dpi=150)
+    with replacing([Path(path)]) as (new,):
+        figure.savefig(new, dpi=150, format=Path(path).suffix.lstrip(".").lower())
     remark(f"figure: {path}")

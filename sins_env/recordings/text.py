@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -17,6 +15,7 @@ import numpy as np
 
 from sins_env.arrays import Array
 from sins_env.reading.files import check_lines
+from sins_env.writing.files import replacing
 
 _CHUNK = 20_000  #: rows that are formatted at once
 
@@ -163,27 +162,6 @@ def write_rows(stream: IO[str], row: str, rows: Array) -> None:
     for first in range(0, len(rows), _CHUNK):
         part = rows[first : first + _CHUNK]
         stream.write(row * len(part) % tuple(part.ravel().tolist()))
-
-
-@contextmanager
-def replacing(paths: Sequence[Path]) -> Iterator[list[Path]]:
-    """Yield temporary names beside ``paths`` to write to. In the end all take their places, or none of them does.
-
-    Raises:
-        OSError: files that cannot be written; the error is one line with the reason.
-    """
-    temporary = [path.with_name(f".{path.name}.{os.getpid()}.part") for path in paths]
-    try:
-        yield temporary
-        for new, path in zip(temporary, paths, strict=True):
-            os.replace(new, path)
-    except OSError as error:
-        what = ", ".join(str(path) for path in paths)
-        raise OSError(f"{what} cannot be written: {error.strerror or error}") from error
-    finally:
-        for path in temporary:
-            with suppress(OSError):
-                path.unlink()
 
 
 def write_files(files: list[tuple[Path, str, Array]], mapping_path: Path, mapping: dict[str, Any]) -> list[Path]:

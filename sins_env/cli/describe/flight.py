@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
 
 from sins_env.cli.describe import figures
 from sins_env.cli.output import save_figure
@@ -25,7 +24,7 @@ def describe_flight(name: str, console: Console) -> bool:
     """Print a flight profile, given by name, or the flight of a file."""
     profile = flight_profile(name)
     plan = profile.plan
-    table = titled(f"{Path(name).name}  {escape(profile.what)}")
+    table = titled(f"{Path(name).name}  {profile.what}")
     for column in ("#", "manoeuvre", "until, s", "speed, m/s", "heading, deg", "pitch, deg", "roll, deg"):
         table.add_column(column, justify="left" if column == "manoeuvre" else "right")
     table.add_row("", "start", "0", *(f"{x:.4g}" for x in (plan.speed_mps, plan.heading_deg, 0.0, 0.0)))

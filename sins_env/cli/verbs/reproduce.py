@@ -15,6 +15,7 @@ from sins_env.evaluation.reproduction.running import run_tables
 from sins_env.evaluation.reproduction.showing import markdown, terminal
 from sins_env.evaluation.show.templates import check_jinja2
 from sins_env.evaluation.store.store import Store
+from sins_env.writing.files import write_text
 
 FIGURES, PARTS = "figures", "tables"
 HEAD = """# Published results, reproduced: some tables
@@ -47,9 +48,9 @@ def reproduce(given: Namespace, console: Console) -> int:
             console.print(terminal(table, outcomes))
             for picture, results in pictures:
                 save(picture.draw(results), out / FIGURES / f"{picture.name}.svg")
-            _part(out, table.number).write_text(markdown(table, outcomes), encoding="utf-8")
+            write_text(_part(out, table.number), markdown(table, outcomes))
         text = paper(made, store, given.quick) if complete else _some(out)
-    (out / "REPRODUCTION.md").write_text(text, encoding="utf-8")
+    write_text(out / "REPRODUCTION.md", text)
     remark(f"tables: {out / 'REPRODUCTION.md'}")
     return 0
 

@@ -22,6 +22,7 @@ from sins_env.evaluation.store import verify as verification
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks.task import seed_hash
+from sins_env.writing.files import write_text
 
 LEAST_SECRET_BITS = 64  #: least length of a secret suite seed, which could be guessed from its hash otherwise
 
@@ -73,7 +74,7 @@ def report(given: Namespace, console: Console) -> int:
             raise ValueError(f"{given.db}: no results yet; sins-env eval makes some")
         with Bar(f"report of {given.db}") as bar:
             text = pages.html_report(store, keys, lambda done, total: bar.update(done / total, 1.0))
-    path.write_text(text, encoding="utf-8")
+    write_text(path, text)
     remark(f"report: {path}, {len(text.encode()) / 1e6:.1f} MB")
     return 0
 

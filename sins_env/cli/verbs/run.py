@@ -95,7 +95,7 @@ def _run_table(given: Namespace, task: EvaluationTask, course: Course) -> Table:
     verdict = records.reason[0] or str(records.status[0])
     times = f"times from the start of the fine phase{coarse}{averaging_spans(records.criteria) if navigates else ''}"
     heading = f"no reference to score against; heading at the end {np.degrees(records.heading[0]) % 360:.3f}°"
-    table.caption = f"{verdict}; {times if scored else heading}"
+    table.caption = Text(f"{verdict}; {times if scored else heading}")
     table.caption_justify = "left"
     return table
 

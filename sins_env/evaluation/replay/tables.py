@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 from sins_env.arrays import Array
@@ -27,7 +28,7 @@ def table(one: Replay) -> Table:
     last, error = np.degrees(one.angles[:, -1]), np.degrees(one.scatter[:, -1])
     for i, start in enumerate(one.starts[:MOST_ROWS]):
         cells = [f"{value:.3f}" for value in last[i]] + [f"{value:+.5f}" for value in error[i] if scored]
-        cells = [one.failed[i], *[""] * (len(cells) - 1)] if one.failed[i] else cells
+        cells = [escape(one.failed[i]), *[""] * (len(cells) - 1)] if one.failed[i] else cells
         out.add_row(f"{seconds(start)} to {seconds(start + one.t[-1])}", *cells, end_section=i + 1 == len(one.starts))
     if len(one.starts) > MOST_ROWS:
         out.add_row(f"... {len(one.starts) - MOST_ROWS} more", end_section=True)

@@ -79,7 +79,7 @@ def terminal(table: Table, outcomes: Sequence[Outcome]) -> RenderableType:
 
 
 def _rich(outcome: Outcome) -> RichTable:
-    found = titled(escape(_heading(outcome)))
+    found = titled(_heading(outcome))
     shown = _columns(outcome)
     found.add_column("")
     for i in shown[1:]:

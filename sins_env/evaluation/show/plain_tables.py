@@ -15,6 +15,7 @@ from sins_env.evaluation.show import columns
 from sins_env.evaluation.show.cells import Cell
 from sins_env.evaluation.show.columns import MARKDOWN, Column
 from sins_env.evaluation.show.footer import footer
+from sins_env.writing.visible import in_csv, in_json, in_markdown
 
 
 def as_json(results: Iterable[Results]) -> str:
@@ -26,7 +27,7 @@ def as_json(results: Iterable[Results]) -> str:
 
 
 def _entry(one: Results) -> dict[str, Any]:
-    entry: dict[str, Any] = {"task": one.task.name, "solver": one.solver, "settings": dict(one.settings)}
+    entry: dict[str, Any] = {"task": one.task.name, "solver": one.solver, "settings": in_json(dict(one.settings))}
     for column in columns.data_columns([one]):
         for key, value in column.json(one).items():
             entry[key] = entry.get(key, {}) | value if isinstance(value, dict) else value
@@ -46,7 +47,7 @@ def as_csv(results: Iterable[Results]) -> str:
             row = [task, suite, rank if one.summary.scored else "", one.solver, settings]
             for column in wanted:
                 row += column.figures(one) if column.holds(one) else [""] * len(column.csv)
-            writer.writerow(["" if isinstance(value, float) and math.isnan(value) else value for value in row])
+            writer.writerow(["" if isinstance(value, float) and math.isnan(value) else in_csv(value) for value in row])
     return out.getvalue()
 
 
@@ -59,8 +60,9 @@ def as_markdown(results: Iterable[Results]) -> str:
         for rank, one in lines:
             cells = [_inline(column.shown(one)) for column in wanted]
             rows.append([str(rank) if one.summary.scored else "-", one.label, *cells])
-        body = "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)
-        parts.append(f"### {name}\n\n{group[0].task.what}\n\n{body}\n\n{footer(group)}\n")
+        body = "\n".join("| " + " | ".join(map(in_markdown, row)) + " |" for row in rows)
+        what, notes = in_markdown(group[0].task.what), in_markdown(footer(group))
+        parts.append(f"### {in_markdown(name)}\n\n{what}\n\n{body}\n\n{notes}\n")
     return "\n".join(parts)
 
 

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.table import Table
+from rich.text import Text
 
 from sins_env.evaluation.bound.bounds import Bound
 from sins_env.evaluation.tasks.task import EvaluationTask
+from sins_env.writing.visible import LAYOUT, visible
 
 if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
     from matplotlib.axes import Axes
@@ -29,11 +31,24 @@ def style(i: int) -> dict[str, Any]:
 
 
 def new_figure(width: float, height: float, dpi: float | None = None) -> Figure:
-    """Make an empty figure of that width and height in inches, without pyplot, which would keep it in memory."""
+    """Make an empty figure of that width and height in inches, without pyplot, which would keep it in memory.
+
+    Dollar signs in its titles and labels are no mathematics, and characters that do not print are shown as escapes.
+    """
+    from matplotlib.axis import Tick  # slow to import, like the others
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # half a second, which who draws nothing does without
     from matplotlib.figure import Figure
+    from matplotlib.text import Text as Label  # slow to import, like the others
 
-    figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained")
+    class Shown(Figure):
+        def draw(self, renderer: Any) -> None:
+            ticks = {label for tick in self.findobj(Tick) for label in tick.findobj(Label)}
+            for label in set(self.findobj(Label)) - ticks:
+                label.set_parse_math(False)
+                label.set_text(visible(label.get_text(), keep=LAYOUT))
+            super().draw(renderer)
+
+    figure = Shown(figsize=(width, height), dpi=dpi, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
@@ -89,5 +104,5 @@ def shade_coarse(axes: Axes, coarse_s: float) -> None:
 
 
 def titled(title: str) -> Table:
-    """Return an empty table in the style of all verbs of the command line."""
-    return Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
+    """Return an empty table in the style of all verbs of the command line; brackets in the title are no markup."""
+    return Table(box=box.SIMPLE_HEAD, title=Text(title, style="bold"), title_justify="left", pad_edge=False)

@@ -7,6 +7,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from sins_env.writing.visible import LAYOUT, visible
+
 
 def check_jinja2() -> None:
     """Check that the template engine is installed.
@@ -24,6 +26,11 @@ def _jinja2() -> Any:
         raise ValueError('report needs the package jinja2: pip install "sins-env[report]"') from error
 
 
+def _shown(value: Any) -> Any:
+    """Return what an expression of a page prints; only text that is marked as safe stays as it is."""
+    return visible(value, keep=LAYOUT) if type(value) is str else value
+
+
 def template(name: str) -> Any:
     """Return the template at a path below ``sins_env/evaluation``. An unknown name in it is an error; HTML is escaped.
 
@@ -34,6 +41,7 @@ def template(name: str) -> Any:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parents[1]),
         autoescape=".html" in name,
+        finalize=_shown if ".html" in name else None,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

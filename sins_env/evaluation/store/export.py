@@ -11,14 +11,16 @@ import csv
 import importlib
 import itertools
 import json
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from sins_env.evaluation.store.key import Key
+from sins_env.evaluation.store.rows import settings_of
 from sins_env.evaluation.store.schema import KEY, SCORES, SPANS, TOLD
 from sins_env.evaluation.store.store import Store
+from sins_env.writing.files import replacing
+from sins_env.writing.visible import in_csv, in_json
 
 FORMATS = ("csv", "json", "parquet")
 _KIND_OF = {"run": "count"}  #: kinds of the columns that no field of the records has; the others are words
@@ -60,7 +62,8 @@ def export(store: Store, keys: Iterable[Key], form: str, path: str | Path) -> in
     columns = _columns(any(store.navigates(key.task) for key in wanted))
     names = [column.name for column in columns]
     rows = (row for key in wanted for row in store.rows(key, names))
-    return {"csv": _csv, "json": _json, "parquet": _parquet}[form](columns, rows, Path(path))
+    with replacing([Path(path)]) as (new,):
+        return {"csv": _csv, "json": _json, "parquet": _parquet}[form](columns, rows, new)
 
 
 def check_parquet() -> Any:
@@ -81,20 +84,19 @@ def _csv(columns: Sequence[_Column], rows: Iterator[tuple[Any, ...]], path: Path
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(column.heading for column in columns)
-        writer.writerows(row for row, _ in zip(rows, count, strict=False))
+        writer.writerows(map(in_csv, row) for row, _ in zip(rows, count, strict=False))
     return next(count)
 
 
 def _json(columns: Sequence[_Column], rows: Iterator[tuple[Any, ...]], path: Path) -> int:
     """Write a list of objects, one per line; settings are an object, too."""
     count, heads = 0, [column.heading for column in columns]
-    place = heads.index("settings")
     with open(path, "w", encoding="utf-8") as file:
         file.write("[")
         for count, row in enumerate(rows, start=1):
-            values: list[Any] = [None if isinstance(value, float) and math.isinf(value) else value for value in row]
-            values[place] = json.loads(values[place])
-            text = json.dumps(dict(zip(heads, values, strict=True)), allow_nan=False)
+            values = dict(zip(heads, row, strict=True))
+            values["settings"] = settings_of(values["settings"])
+            text = json.dumps(in_json(values), allow_nan=False)
             file.write(f"{',' if count > 1 else ''}\n{text}")
         file.write("\n]\n")
     return count

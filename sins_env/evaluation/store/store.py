@@ -48,6 +48,7 @@ from sins_env.evaluation.store.schema import KEY, RUN_COLUMNS, SPAN_COLUMNS, SPA
 from sins_env.evaluation.tasks.catalogue import TASKS, get_task
 from sins_env.evaluation.tasks.fingerprint import digest
 from sins_env.evaluation.tasks.task import EvaluationTask
+from sins_env.writing.visible import LAYOUT, visible, visible_fields, visible_parts
 
 _OF_KEY = " AND ".join(f"{name} = ?" for name in KEY[:-1])
 _TEXTS = columns_of(one for one in TOLD if one.kind == "text")
@@ -191,6 +192,7 @@ class Store(Database):
     def results(self, key: Key, runs: Container[int] | None = None, whole: bool = True) -> Results:
         """Return the results of a key, as :func:`evaluate` does, for the runs in ``runs`` or for all.
 
+        Texts are made visible, as they are shown; the key has them as they are stored.
         Without ``whole`` only the fields for tables are read, which is several times faster. Scores that no table shows
         are then NaN. Histories have length 0, unless the task navigates, because its tables need them.
         """
@@ -202,7 +204,10 @@ class Store(Database):
             sql = (
                 f"SELECT run, {', '.join(map(_shortened, columns_of(TOLD)))} FROM runs WHERE {_OF_KEY} AND ({TROUBLE})"
             )
-            odd = {run: told for run, *told in self.connection.execute(sql, key.values)}
+            odd = {
+                run: [visible(one, keep=LAYOUT) if isinstance(one, str) else one for one in told]
+                for run, *told in self.connection.execute(sql, key.values)
+            }
             blobs = None
             if whole or criteria.navigates:
                 blobs = [blob or b"" for _, blob in self._read(_WITH_HISTORIES, ["history"], key, runs)]
@@ -211,7 +216,8 @@ class Store(Database):
             known |= {} if spans is None else parted(_array(spans, SPAN_COLUMNS)[:, 1:], SPANS)
             records = to_records([row[0] for row in numbers], odd, known, criteria, blobs)
         task, bound = self._task(key.task)
-        return Results(task, key.solver, settings_of(key.settings), key.suite, records, self._cost(key), bound)
+        settings = visible_parts(settings_of(key.settings))
+        return Results(task, visible(key.solver), settings, visible(key.suite), records, self._cost(key), bound)
 
     def _read(
         self, tables: str, columns: Sequence[str], key: Key, runs: Container[int] | None
@@ -249,7 +255,8 @@ class Store(Database):
                 definition, found, bound = self.connection.execute(sql, (name,)).fetchone()
             with self.reading(f"the definition of {name}"):
                 task = get_task(name) if definition is None else definition_of(definition)
-                self._tasks[name] = task, _missing_bound(task, found) if bound is None else bound_of(bound)
+                found_bound = _missing_bound(task, found) if bound is None else bound_of(bound)
+                self._tasks[name] = visible_fields(task), found_bound
         return self._tasks[name]
 
 

@@ -20,7 +20,7 @@ from sins_env.recordings.clock import Samples, check_increasing, clocked, on_gri
 from sins_env.recordings.file_format import Format
 from sins_env.recordings.mapping import Mapping
 from sins_env.recordings.recording import Displacements, Gnss, Recording, Reference, first_few, frozen
-from sins_env.recordings.text import replacing
+from sins_env.writing.files import replacing
 
 
 class Layout(NamedTuple):

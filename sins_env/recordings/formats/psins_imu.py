@@ -26,8 +26,9 @@ from sins_env.recordings.clock import Samples, clocked, hz_of
 from sins_env.recordings.file_format import Format
 from sins_env.recordings.mapping import Mapping
 from sins_env.recordings.recording import Recording
-from sins_env.recordings.text import Style, read_table, replacing, write_rows
+from sins_env.recordings.text import Style, read_table, write_rows
 from sins_env.units import ARCSEC
+from sins_env.writing.files import replacing
 
 AXES = "RFU"
 G = 9.780327  #: the value of glv.g0 that PSINS prints, m/s^2

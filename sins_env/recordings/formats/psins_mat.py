@@ -30,7 +30,7 @@ from sins_env.recordings.clock import Samples, check_increasing, clocked, hz_of
 from sins_env.recordings.file_format import SITE_KEYS, Format
 from sins_env.recordings.mapping import Mapping
 from sins_env.recordings.recording import Gnss, Recording, Reference, first_few
-from sins_env.recordings.text import replacing
+from sins_env.writing.files import replacing
 
 AXES = "RFU"
 

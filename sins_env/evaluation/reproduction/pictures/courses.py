@@ -15,6 +15,7 @@ from sins_env.evaluation.reproduction.tables import Picture, Source
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show.style import new_figure, style
 from sins_env.units import ARCSEC
+from sins_env.writing.files import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -122,5 +123,5 @@ def save(figure: Figure, path: Path) -> None:
     """Save a figure as SVG, with fonts as text and without date, so that equal figures make equal files."""
     import matplotlib as mpl  # slow to import
 
-    with mpl.rc_context({"svg.hashsalt": path.stem, "svg.fonttype": "none"}):
-        figure.savefig(path, metadata={"Date": None})
+    with replacing([path]) as (new,), mpl.rc_context({"svg.hashsalt": path.stem, "svg.fonttype": "none"}):
+        figure.savefig(new, format="svg", metadata={"Date": None})

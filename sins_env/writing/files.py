@@ -1,0 +1,47 @@
+"""Files that appear whole or not at all: they are written under a temporary name beside their own, and renamed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+
+@contextmanager
+def replacing(paths: Sequence[Path]) -> Iterator[list[Path]]:
+    """Yield temporary names beside ``paths`` to write to. In the end all take their places, or none of them does.
+
+    A device or a pipe, such as /dev/stdout, is written to directly. A link stays, and the file that it points to is replaced.
+
+    Raises:
+        OSError: files that cannot be written; the error is one line with the reason.
+    """
+    finals = [path.resolve() if path.is_symlink() else path for path in paths]
+    plain = [not path.exists() or path.is_file() for path in finals]
+    temporary = [
+        path.with_name(f".{path.name}.{os.getpid()}.part") if whole else path
+        for path, whole in zip(finals, plain, strict=True)
+    ]
+    renamed = [pair for pair, whole in zip(zip(temporary, finals, strict=True), plain, strict=True) if whole]
+    try:
+        yield temporary
+        for new, path in renamed:
+            os.replace(new, path)
+    except OSError as error:
+        what = ", ".join(str(path) for path in paths)
+        raise OSError(f"{what} cannot be written: {error.strerror or error}") from error
+    finally:
+        for new, _ in renamed:
+            with suppress(OSError):
+                new.unlink()
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text in UTF-8 to a file, whole or not at all.
+
+    Raises:
+        OSError: a file that cannot be written.
+    """
+    with replacing([Path(path)]) as (new,):
+        new.write_text(text, encoding="utf-8")
