@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -13,6 +14,7 @@ def replacing(paths: Sequence[Path]) -> Iterator[list[Path]]:
     """Yield temporary names beside ``paths`` to write to. In the end all take their places, or none of them does.
 
     A device or a pipe, such as /dev/stdout, is written to directly. A link stays, and the file that it points to is replaced.
+    A process that is killed leaves its temporary file, ``.NAME.PROCESS.part``, which the next one that writes NAME removes.
 
     Raises:
         OSError: files that cannot be written; the error is one line with the reason.
@@ -24,6 +26,8 @@ def replacing(paths: Sequence[Path]) -> Iterator[list[Path]]:
         for path, whole in zip(finals, plain, strict=True)
     ]
     renamed = [pair for pair, whole in zip(zip(temporary, finals, strict=True), plain, strict=True) if whole]
+    for _, path in renamed:
+        _clear(path)
     try:
         yield temporary
         for new, path in renamed:
@@ -35,6 +39,27 @@ def replacing(paths: Sequence[Path]) -> Iterator[list[Path]]:
         for new, _ in renamed:
             with suppress(OSError):
                 new.unlink()
+
+
+def _clear(path: Path) -> None:
+    """Remove the temporary files beside ``path`` whose processes have ended."""
+    for old in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
+        if not _runs(old.suffixes[-2][1:]):
+            with suppress(OSError):
+                old.unlink()
+
+
+def _runs(number: str) -> bool:
+    """Return whether a process with this number runs, or may run."""
+    if os.name != "posix" or not number.isdecimal():
+        return True
+    try:
+        os.kill(int(number), 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
 
 
 def write_text(path: str | Path, text: str) -> None:
