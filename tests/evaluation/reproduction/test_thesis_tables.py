@@ -149,10 +149,12 @@ def first_epoch(task):
 
 @pytest.mark.parametrize(("number", "lines"), [("4.1", 14), ("5.2", 22)])
 def test_a_slice_from_the_runs_to_the_file(cli, short, tmp_path, monkeypatch, number, lines):
-    """Tables on 20 s, of 5.2 the first ten: every line has a figure, also against runs that go on for longer."""
+    """Tables on 20 s at 5 Hz, of 5.2 the first ten: every line has a figure, also against runs that go on for longer."""
     monkeypatch.chdir(tmp_path)
     whole = next(p for p in thesis_filters.PRINTINGS if p.number == number)
-    monkeypatch.setitem(thesis_filters.BASES, whole.noise, dataclasses.replace(short, what="20 s, matched prior"))
+    kwargs = {**short.kwargs, "epoch": 0.2, "gps": {"rate_hz": 5.0}}
+    base = dataclasses.replace(short, what="20 s, matched prior", kwargs=kwargs)
+    monkeypatch.setitem(thesis_filters.BASES, whole.noise, base)
     monkeypatch.setattr(thesis_filters, "SHORTER_S", 10.0)
     few = {"particles": 64}
     columns = tuple(
