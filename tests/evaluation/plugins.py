@@ -397,6 +397,18 @@ class Nothing:
     """No estimator at all."""
 
 
+class Peeking:
+    """Raises with all that its generators tell of their seeds."""
+
+    batched = True
+
+    def reset(self, task, rng, num_runs=1):
+        raise RuntimeError(f"{[(one.bit_generator.seed_seq, one.bit_generator.state) for one in rng]} {vars(task)}")
+
+    def step(self, obs):
+        raise NotImplementedError
+
+
 def with_setting(gain: float = 1.0):
     """Dead reckoning, with a setting that changes nothing.
 

@@ -6,6 +6,7 @@ import math
 import matplotlib.figure
 import numpy as np
 import pytest
+from evaluation.replay.followers import Fixed
 from numpy.testing import assert_allclose
 from oracles import made
 
@@ -17,7 +18,7 @@ from sins_env.evaluation.replay.angles_figure import replay_figure
 from sins_env.evaluation.replay.replaying import Replay, replay
 from sins_env.recordings import Recording, Reference
 
-PLUGIN = "evaluation.plugins:"
+PLUGIN, FOLLOWERS = "evaluation.plugins:", "evaluation.replay.followers:"
 RATE = 100.0
 
 
@@ -41,36 +42,12 @@ def still(tmp_path):
     return one
 
 
-class Fixed:
-    """Headings of 350 deg and more, 0.1 deg from window to window; the second row fails if it is told to."""
-
-    batched = True
-
-    def __init__(self, bad=False):
-        self.bad = bad
-
-    def reset(self, task, rng, num_runs=1):
-        self.runs = num_runs
-
-    def step(self, obs):
-        heading = np.radians(350.0 + 0.1 * np.arange(self.runs))
-        q = from_euler(heading, np.radians(1.0), np.radians(-2.0))
-        if self.bad:
-            q[1] = np.nan
-        return q
-
-
 class Single(Fixed):
     batched = False
 
     def step(self, obs):
         assert obs["dtheta"].ndim == 2
         return from_euler(np.radians(350.0), 0.0, 0.0)
-
-
-class Breaks(Fixed):
-    def step(self, obs):
-        raise ArithmeticError("no square root")
 
 
 def test_replay_of_windows(still):
@@ -190,20 +167,20 @@ def test_figures(still, name, windows):
 
 def test_cli_replay(cli, still, tmp_path):
     base = ("--coarse", 5, "--window", 100, 20)
-    code, out, err = cli("replay", "still.npz", f"{__name__}:Fixed", *base, "--stride", 10, "--plot", "r.png")
+    code, out, err = cli("replay", "still.npz", FOLLOWERS + "Fixed", *base, "--stride", 10, "--plot", "r.png")
     assert (code, err) == (0, ["figure: r.png"])
     for part in ("120 to 140", "350.200", "heading error, deg", "spread (1 sigma)", "0.15811", "RMS"):
         assert part in out
     assert (tmp_path / "r.png").stat().st_size > 30_000
-    code, out, err = cli("replay", "bare.csv", f"{__name__}:Fixed", *base, "--window", 130, 20)
+    code, out, err = cli("replay", "bare.csv", FOLLOWERS + "Fixed", *base, "--window", 130, 20)
     assert (code, err) == (0, [])
     assert "error" not in out
-    code, out, err = cli("replay", "still.npz", f"{__name__}:Fixed", *base, "--stride", 10, "--set", "bad=true")
+    code, out, err = cli("replay", "still.npz", FOLLOWERS + "Fixed", *base, "--stride", 10, "--set", "bad=true")
     assert (code, "200 failed epochs" in out) == (1, True)
-    assert err == [f"sins-env: {__name__}:Fixed on still, window from 110 s: 200 failed epochs"]
-    code, out, err = cli("replay", "still.npz", f"{__name__}:Breaks", *base)
+    assert err == [f"sins-env: {FOLLOWERS}Fixed on still, window from 110 s: 200 failed epochs"]
+    code, out, err = cli("replay", "still.npz", FOLLOWERS + "Breaks", *base)
     assert (code, out) == (1, "")
-    assert err == [f"sins-env: {__name__}:Breaks on still.npz: step raised ArithmeticError: no square root"]
+    assert err == [f"sins-env: {FOLLOWERS}Breaks on still.npz: step raised ArithmeticError: no square root"]
     code, out, err = cli("replay", "still.npz", PLUGIN + "Ailing", *base)
     assert code == 1
     assert "gave up at" in err[0]

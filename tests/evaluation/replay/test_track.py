@@ -3,8 +3,8 @@
 import dataclasses
 
 import numpy as np
-import pymap3d
 import pytest
+from evaluation.replay.followers import T0, Driven, motion, place
 from numpy.testing import assert_allclose
 from oracles import made
 
@@ -16,19 +16,8 @@ from sins_env.evaluation.replay.track import displacement_errors, of_run
 from sins_env.evaluation.replay.track_figure import track_figure
 from sins_env.recordings import Displacements, Gnss, Recording, Reference
 
-RATE, T0, LEVER = 100.0, 100.0, np.array([0.5, -1.0, 2.0])
+RATE, LEVER = 100.0, np.array([0.5, -1.0, 2.0])
 ENV = {"mode": "navigate", "coarse": 5.0}
-
-
-def motion(t):
-    """A bend at 3 m/s: attitude, and metres E, N, U of the IMU from the site."""
-    angle = 0.1 * (t - T0)
-    enu = 30.0 * np.stack([1 - np.cos(angle), np.sin(angle), 0.01 * angle], axis=-1)
-    return attitude.from_euler(angle, 0.1 * np.sin(t), 0 * t), enu
-
-
-def place(enu):
-    return np.stack([np.ravel(part) for part in pymap3d.enu2geodetic(*enu.T, *made.SITE.pos, deg=False)], axis=-1)
 
 
 def drive():
@@ -61,25 +50,6 @@ def drive():
 def antenna_at(t):
     q, enu = motion(t)
     return enu + attitude.to_dcm(q) @ LEVER
-
-
-class Driven:
-    """The motion, but position drifts by 0.02, -0.01, 0.05 m/s, velocity is off by 0.3, 0.4, -0.1 m/s, heading by 1 deg."""
-
-    batched = True
-
-    def reset(self, task, rng, num_runs=1):
-        assert task.navigate
-        self.runs = num_runs
-
-    def step(self, obs):
-        t = T0 + 10.0 * np.arange(self.runs) + obs["t"][:, 0]
-        q, enu = motion(t)
-        q = attitude.multiply(attitude.from_euler(np.radians(1.0), 0.0, 0.0), q)
-        pos = place(enu + (t - T0)[:, None] * np.array([0.02, -0.01, 0.05]))
-        angle = 0.1 * (t - T0)
-        vel = 3.0 * np.stack([np.sin(angle), np.cos(angle), np.full_like(t, 0.01)], axis=-1)
-        return np.concatenate([q, vel + np.array([0.3, 0.4, -0.1]), pos], axis=-1)
 
 
 @pytest.fixture(autouse=True)
@@ -168,7 +138,7 @@ def test_figures(name, stride):
 
 
 def test_cli(cli, tmp_path):
-    base = (f"{__name__}:Driven", "--mode", "navigate", "--coarse", 5)
+    base = ("evaluation.replay.followers:Driven", "--mode", "navigate", "--coarse", 5)
     code, out, err = cli("replay", "drive.npz", *base, "--plot", "way.png")
     assert (code, err) == (0, ["figure: way.png"])
     text = " ".join(out.split())

@@ -16,7 +16,7 @@ from sins_env.evaluation.show import error_figure, plain_tables
 from sins_env.evaluation.tasks import catalogue as tasks
 from sins_env.evaluation.tasks.task import EvaluationTask
 
-SOLVER = "evaluation.replay.test_track:Driven"
+SOLVER = "evaluation.replay.followers:Driven"
 
 
 def record(path, **left_out):

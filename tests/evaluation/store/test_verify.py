@@ -150,22 +150,10 @@ def test_compare_command(short, capsys):
 # ---- the hidden suite ----
 
 
-class Peeking:
-    """Raises with all that its generators tell of their seeds."""
-
-    batched = True
-
-    def reset(self, task, rng, num_runs=1):
-        raise RuntimeError(f"{[(one.bit_generator.seed_seq, one.bit_generator.state) for one in rng]} {vars(task)}")
-
-    def step(self, obs):
-        raise NotImplementedError
-
-
 def test_a_secret_seed_stays_secret(short, monkeypatch, capsys):
     """In the file, on the screen, in errors: only the hash; even if the solver puts all it knows into its exception."""
     monkeypatch.setattr("sys.stdin", io.StringIO(f"{SECRET}\n"))
-    given = ["eval", "--task", "short-v0", "--solver", PLUGIN + "Noisy", "evaluation.store.test_verify:Peeking"]
+    given = ["eval", "--task", "short-v0", "--solver", PLUGIN + "Noisy", PLUGIN + "Peeking"]
     assert main([*given, "--runs", "3", "--workers", "1", "--seed", "-"]) == 1
     monkeypatch.setattr("sys.stdin", io.StringIO(f"{SECRET}x\n"))
     assert main([*given, "--seed", "-"]) == 2
