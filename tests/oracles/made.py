@@ -1,7 +1,6 @@
 """Recordings made in memory, with values that can be told apart, and attitudes by scipy."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from sins_env.recordings import Gnss, Recording, Reference
 from sins_env.types import Site
@@ -13,6 +12,8 @@ SWAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 def attitudes(t):
     """Rotations of Right-Forward-Up into East-North-Up, through north and over a wide range of tilt."""
+    from scipy.spatial.transform import Rotation  # a process of followers.py starts without it
+
     angles = np.stack([3.0 * np.sin(0.2 * t), 0.4 * np.sin(t), 0.5 * np.cos(0.7 * t)], axis=-1)
     return Rotation.from_euler("ZXY", angles)
 
