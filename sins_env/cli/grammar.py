@@ -172,6 +172,7 @@ def _hold_against(verb: Verb) -> None:
     text = "how far results that ought to be the same may be apart (default 1e-9; float32 needs about 1e-6)"
     sub.add_argument("--tolerance", type=positive, metavar="X", help=text)
     _add_settings(sub)
+    _add_timeout(sub)
 
     text = "a solver on windows of any recording: heading, pitch, roll and their spread"
     sub = verb("replay", "verbs.recordings:replay", text)
@@ -227,7 +228,9 @@ def _add_suite(sub: argparse.ArgumentParser) -> None:
 
 
 def _add_timeout(sub: argparse.ArgumentParser) -> None:
-    text = "a run has failed if one call of the solver takes longer, s (default: no limit)"
+    text = (
+        "a run has failed if one call of the solver takes longer, s (default: 10, first 60; this project's own: none)"
+    )
     sub.add_argument("--timeout", type=positive, metavar="S", help=text)
 
 

@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
 from typing import Any
 
-from sins_env.evaluation.estimators import finding
-from sins_env.evaluation.estimators.isolation import check_timeout
+from sins_env.evaluation.estimators import finding, isolation
 from sins_env.evaluation.play.executors import Runner, runner
 from sins_env.evaluation.play.job import Job
 from sins_env.evaluation.play.queue import Report, chunks, extent, played
@@ -47,7 +46,8 @@ def evaluate(
         chunk: runs per batch, by default 64 to 256. Other sizes change results by rounding only (1e-9).
         epoch_timeout_s: longest time of one call of the solver, whatever the number of runs. A batch that takes longer
             is halved, and a run that takes longer alone has failed. With a limit the solver has a process of its own,
-            which may hang or crash at the cost of the runs at fault only. None is no limit.
+            which may hang or crash at the cost of the runs at fault only. None gives that to a stranger's solver, which is
+            named as another package's or as ``module:Factory``, with 10 s, and 60 s for a first call. Infinity is no limit.
         cost: whether to measure the time of a step and its ratio to ckf; it is not measured if a run was lost.
         progress: function called with the simulated seconds done and with their total, summed over runs.
         on_records: function called in this process with the records of each chunk when it ends. A KeyboardInterrupt
@@ -61,8 +61,7 @@ def evaluate(
     wanted = run_numbers(runs)
     task.check_runs(wanted[-1] + 1)
     given = dict(settings or {})
-    finding.make(solver, given)
-    check_timeout(epoch_timeout_s)
+    isolation.prove(solver, given, epoch_timeout_s)
     jobs = [Job(task, solver, part, given, seed, epoch_timeout_s) for part in chunks(wanted, chunk)]
     jobs[0].rngs()  # refuses a bad seed here rather than in a worker
     parts: list[Records] = []

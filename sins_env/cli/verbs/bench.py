@@ -13,7 +13,7 @@ from rich.console import Console
 
 from sins_env.cli.output import RunFailed, remark
 from sins_env.evaluation.estimators import isolation
-from sins_env.evaluation.estimators.guard import EstimatorError
+from sins_env.evaluation.estimators.guard import EstimatorError, Refusal
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.show.style import titled
 from sins_env.evaluation.speed import bench as speed
@@ -25,11 +25,13 @@ def bench(given: Namespace, console: Console) -> int:
     Raises:
         RunFailed: the estimator failed.
     """
-    apart = isolation.limit(given.solver, given.timeout)
+    apart = isolation.limits(given.solver, given.timeout) is not None
     try:
-        with isolation.hosted(given.solver, {}, apart) as host, Bar(f"bench of {given.solver}") as bar:
+        with isolation.hosted(given.solver, {}, given.timeout) as host, Bar(f"bench of {given.solver}") as bar:
             batches, remarks = speed.fitting(host, given.task, given.runs)
             speeds = speed.measure(host, given.task, batches, progress=bar.update)
+    except Refusal:
+        raise
     except EstimatorError as error:
         raise RunFailed(f"{given.solver} on {given.task}: {error}") from error
     for text in remarks:
@@ -45,7 +47,7 @@ def bench(given: Namespace, console: Console) -> int:
         bold = "bold" if one.part == "whole chain" else ""
         cells = (one.part, str(one.runs), f"{one.real_time:,.0f}", f"{one.epoch_us:.2f}")
         table.add_row(*cells, style=bold, end_section=i % 3 == 2)
-    table.caption, table.caption_justify = _measured(apart is not None), "left"
+    table.caption, table.caption_justify = _measured(apart), "left"
     console.print(table)
     return 0
 
@@ -66,4 +68,4 @@ def _figures(given: Namespace, speeds: Sequence[speed.Speed]) -> dict[str, Any]:
 def _measured(apart: bool) -> str:
     """Return the caption, which tells what the times measure."""
     text = "CPU time, one thread, fine phase; median over blocks of epochs"
-    return f"{text}; the estimator's in a process of its own, without the way there and back" if apart else text
+    return f"{text}; the estimator's in a process of its own, with the way there and back" if apart else text

@@ -9,8 +9,7 @@ from rich.markup import escape
 
 from sins_env.cli.output import RunFailed
 from sins_env.evaluation.contract import TOLERANCE, Check, check_estimator
-from sins_env.evaluation.estimators import isolation
-from sins_env.evaluation.estimators.guard import EstimatorError
+from sins_env.evaluation.estimators.guard import EstimatorError, Refusal
 
 
 def check(given: Namespace, console: Console) -> int:
@@ -31,8 +30,10 @@ def check(given: Namespace, console: Console) -> int:
             dict(given.set),
             show,
             tolerance=given.tolerance or TOLERANCE,
-            apart=isolation.limit(given.solver) is not None,
+            epoch_timeout_s=given.timeout,
         )
+    except Refusal:
+        raise
     except EstimatorError as error:
         raise RunFailed(str(error)) from error
     failed = sum(one.passed is False for one in found)

@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from sins_env.cli.output import check_plot, remark, save_figure
-from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.estimators import isolation
 from sins_env.evaluation.play.executors import check_executor
 from sins_env.evaluation.show import error_figure, terminal_tables
 from sins_env.evaluation.store.filling import Evaluation, fill
@@ -23,7 +23,7 @@ def _pairs(given: Namespace) -> list[tuple[EvaluationTask, str]]:
     tasks = [get_task(name) for name in dict.fromkeys(given.task)]
     solvers = list(dict.fromkeys(given.solver))
     for solver in solvers:
-        finding.make(solver, dict(given.set))
+        isolation.prove(solver, dict(given.set), given.timeout)
     for task in tasks:
         task.make(1).close()
         if task.max_runs is not None and given.runs > task.max_runs:

@@ -10,8 +10,7 @@ from rich.console import Console
 
 from sins_env import recordings
 from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
-from sins_env.evaluation.estimators import isolation
-from sins_env.evaluation.estimators.guard import EstimatorError
+from sins_env.evaluation.estimators.guard import EstimatorError, Refusal
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.replay import replaying, tables
 from sins_env.evaluation.replay.angles_figure import replay_figure
@@ -68,9 +67,11 @@ def replay(given: Namespace, console: Console) -> int:
                 settings=dict(given.set),
                 env=settings,
                 seed=given.seed,
-                epoch_timeout_s=isolation.limit(given.solver, given.timeout),
+                epoch_timeout_s=given.timeout,
                 progress=bar.update,
             )
+    except Refusal:
+        raise
     except EstimatorError as error:
         raise RunFailed(f"{given.solver} on {given.recording}: {error}") from error
     console.print(tables.table(one))

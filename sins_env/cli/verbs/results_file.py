@@ -9,7 +9,6 @@ from rich.console import Console
 
 from sins_env.checks import unknown
 from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
-from sins_env.evaluation.estimators import isolation
 from sins_env.evaluation.play.executors import runner
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.report import page as pages
@@ -122,9 +121,7 @@ def verify(given: Namespace, console: Console) -> int:
     """
     with Store(given.db, read_only=True) as store:
         keys = _chosen(given, store)
-        solvers = [name for name in {key.solver for key in keys} if verification.may_run(name, given.solver)]
-        apart = any(isolation.limit(solver) is not None for solver in solvers)
-        with runner(None, given.workers, given.rows, apart) as where, Bar(f"verifying {given.db}") as bar:
+        with runner(None, given.workers, given.rows) as where, Bar(f"verifying {given.db}") as bar:
             found = verification.verify(
                 store, keys, given.rows, given.seed, given.draw, trusted=given.solver, where=where, progress=bar.update
             )

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
 from sins_env.evaluation import monte_carlo
-from sins_env.evaluation.estimators import isolation
+from sins_env.evaluation.estimators.guard import Refusal, Unavailable
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.play.one_run import Course, run_episode
 from sins_env.evaluation.play.progress import Bar
@@ -42,15 +42,20 @@ def run(given: Namespace, console: Console) -> int:
                 bar.update(k * epoch, total, note)
 
         epoch, total = monte_carlo.extent(task, 1)
-        course = run_episode(
-            task,
-            given.solver,
-            given.run,
-            given.seed,
-            settings=settings,
-            observer=watch,
-            epoch_timeout_s=isolation.limit(given.solver, given.timeout),
-        )
+        try:
+            course = run_episode(
+                task,
+                given.solver,
+                given.run,
+                given.seed,
+                settings=settings,
+                observer=watch,
+                epoch_timeout_s=given.timeout,
+            )
+        except Refusal:
+            raise
+        except Unavailable as error:
+            raise RunFailed(f"{given.solver} on {task.name}, run {given.run}: {error}") from error
     records = course.records
     if records.status[0] == "raised" and given.traceback:
         remark(records.traceback[0].rstrip())

@@ -15,6 +15,7 @@ from sins_env.arrays import Array, Obs
 from sins_env.evaluation.contract.told import ALIGNMENT, Playback, Told
 from sins_env.evaluation.estimators import finding, guard
 from sins_env.evaluation.estimators.guard import EstimatorError, Guard
+from sins_env.evaluation.estimators.serving import beat
 from sins_env.evaluation.play.loop import Loop
 from sins_env.states import answered
 
@@ -111,6 +112,7 @@ def play(loop: Loop) -> Array:
     actions = []
     try:
         for k, action, *_ in loop:
+            beat()
             if not np.isfinite(action).all() or not np.any(action[..., :4], axis=-1).all():
                 shown = " ".join(np.array2string(action, precision=3, threshold=16).split())
                 raise Bad(f"step returned {shown} at epoch {k}: no attitude; allowed: finite, and not all zero")

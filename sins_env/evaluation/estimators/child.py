@@ -1,50 +1,159 @@
-"""An object in a process of its own, whose methods are called through a pipe.
+"""An object in a process of its own, whose methods are called through a socket.
 
-If it hangs or ends its process, the caller gets an :class:`EstimatorError` with one line.
+If it hangs, ends its process or answers what is no answer, the caller gets an :class:`EstimatorError` with one line. Nothing
+that comes from there is unpickled or evaluated.
 """
 
 from __future__ import annotations
 
+import atexit
 import math
-import multiprocessing
+import os
 import pickle
+import select
+import shlex
 import signal
+import socket
+import subprocess
 import sys
+import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
+from collections.abc import Mapping
+from contextlib import suppress
+from multiprocessing import spawn
 from typing import Any
 
-from sins_env.evaluation.estimators.guard import EstimatorError
-from sins_env.evaluation.estimators.processes import CANNOT_START, interrupts_held, prepare
+from numpy.typing import NDArray
 
-START_S = 300.0  #: longest time in which a new process imports its modules, even on a busy machine
-GRACE_S = 1.0  #: time that an answer may take beyond the limit to arrive, for the clock of the child decides
-LOOK_S = 0.5  #: period of the check that a silent process still runs
+from sins_env.evaluation.estimators import wire
+from sins_env.evaluation.estimators.guard import EstimatorError, Unavailable
+from sins_env.evaluation.estimators.processes import CANNOT_START, interrupts_held
+from sins_env.evaluation.estimators.wire import Answer, Layout
+
+START_S = 300.0  #: longest time in which the first interpreter imports its modules, even on a busy machine
+GRACE_S = 1.0  #: time in which the keeper of a process tells how it ended
+END_S = 10.0  #: time in which the keeper ends a process, and whatever that has started
 #: exceptions of pickle for what cannot be sent to another process
 UNSENDABLE = (pickle.PicklingError, AttributeError, TypeError)
+PREFIX = (
+    "SINS_ENV_SOLVER_PREFIX"  #: setting: a command that runs the interpreter of solvers, such as "runuser -u guest --"
+)
+MEMORY = "SINS_ENV_SOLVER_MEMORY_GB"  #: setting: most address space of a solver's process; "inf" is no limit
+_KEEPER = "from sins_env.evaluation.estimators.keeper import main; main()"
+_NO_SUCH_SYSTEM = "a solver of another package has a process of its own, which needs Linux"
+
+
+class _Starter:
+    """The interpreter that forks the processes of solvers for this process; see :mod:`keeper`."""
+
+    def __init__(self) -> None:
+        self.owner, self.prefix = os.getpid(), os.environ.get(PREFIX, "")
+        self._socket, there = socket.socketpair()
+        command = [
+            *shlex.split(self.prefix),
+            sys.executable,
+            "-c",
+            f"import sys; sys.path[:] = {sys.path!r}; {_KEEPER}",
+        ]
+        threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "BLIS_NUM_THREADS"), "1")
+        with interrupts_held(), there:
+            self.process = subprocess.Popen(
+                command,
+                stdin=there.fileno(),
+                stdout=subprocess.DEVNULL,
+                env={**os.environ, **threads},
+                start_new_session=True,
+            )
+        atexit.register(self.close)
+        self._socket.settimeout(START_S)
+        if self._socket.recv(1) != wire.STARTED:
+            raise RuntimeError(f"{CANNOT_START}; or {PREFIX}={self.prefix!r} does not run it")
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is of this process and its settings, and still runs."""
+        mine = self.owner == os.getpid() and self.prefix == os.environ.get(PREFIX, "")
+        return mine and self.process.poll() is None
+
+    def start(self, *files: int) -> None:
+        """Start a process with these open files: what the keeper tells, calls, shared memory, standard error."""
+        socket.send_fds(self._socket, [wire.STARTED], files)
+
+    def close(self) -> None:
+        """End the interpreter, and with it all that it has started."""
+        self._socket.close()
+        atexit.unregister(self.close)
+        if self.owner == os.getpid():
+            with suppress(subprocess.TimeoutExpired):
+                self.process.wait(END_S)
+            self.process.kill()
+
+
+_starter: _Starter | None = None
+_starting = threading.Lock()
+
+
+def _start(*files: int) -> None:
+    """Start a process with these open files, by the starter of this process, which starts itself if it does not run."""
+    global _starter
+    with _starting:
+        for _ in range(2):  # it may end between the look and the message
+            if _starter is None or not _starter.usable:
+                if _starter is not None:
+                    _starter.close()
+                _starter = _Starter()
+            with suppress(OSError):
+                return _starter.start(*files)
+    raise RuntimeError(CANNOT_START)
 
 
 class Child:
-    """A process with an object that ``make``, a class at module level, makes there.
+    """A process with an object of the class ``target``, given as ``module:name``, that is made there.
 
     The process starts with the first call, and again with the first call after it was lost.
+
+    Args:
+        target: class of the object, which is made with the descriptor of the shared memory.
+        script: whether the process needs the script of this one, for a solver that it defines.
     """
 
-    def __init__(self, make: Callable[[], Any]) -> None:
-        self.make = make
-        self._process: SpawnProcess | None = None
-        self._pipe: Connection | None = None
+    def __init__(self, target: str, script: bool = False) -> None:
+        self.target, self.script = target, script
+        self._data: socket.socket | None = None
+        self._told: socket.socket | None = None  # what its keeper tells
+        self._memory = -1
+        self._pid = 0
+        self._number = 0
+        self._limit_s = math.inf  # time limit of the socket, which is set when it changes
 
     @property
     def running(self) -> bool:
         """Whether the process runs, so that the object keeps its state from one call to the next."""
-        return self._pipe is not None
+        return self._data is not None
 
-    def call(self, name: str, limit_s: float, *arguments: Any) -> Any:
-        """Call the object's method ``name`` and return its result.
+    def cpu_s(self) -> float:
+        """Return the CPU time of the process by the kernel's clock, s.
+
+        Raises:
+            EstimatorError: the process has ended.
+        """
+        try:
+            return time.clock_gettime(
+                (~self._pid << 3) | 2
+            )  # the clock of another process, as clock_getcpuclockid has it
+        except OSError as error:
+            raise EstimatorError("its process has ended") from error
+
+    def share(self, layout: Layout) -> dict[str, NDArray[Any]]:
+        """Return arrays in memory that the process shares; earlier arrays may lie in the same place."""
+        if self._data is None:
+            self._begin()
+        if os.fstat(self._memory).st_size < (size := wire.size_of(layout)):
+            os.ftruncate(self._memory, size)
+        return wire.shared(self._memory, layout)
+
+    def call(self, name: str, limit_s: float, *arguments: Any) -> Answer:
+        """Call the object's method ``name`` and return its answer.
 
         Raises:
             EstimatorError: the method raised an exception, took longer than the limit, or ended its process.
@@ -52,120 +161,176 @@ class Child:
             PicklingError, AttributeError, TypeError: an argument cannot be sent.
             RuntimeError: the process cannot start.
         """
-        if self._pipe is None:
-            self._start()
+        if self._data is None:
+            self._begin()
         return self._call(name, limit_s, *arguments)
 
     def close(self) -> None:
-        """End the process, which starts again when it is needed."""
-        if self._pipe is not None:
-            self._pipe.close()  # to one that waits: the end
-        if self._process is not None:
-            self._process.join(1.0)
-            self._process.kill()
-            self._process.join()
-        self._process = self._pipe = None
+        """End the process and whatever it has started; it starts again when it is needed."""
+        if self._told is not None:
+            with suppress(OSError):
+                self._told.shutdown(socket.SHUT_WR)
+                self._told.settimeout(END_S)
+                while self._told.recv(64):  # until its keeper has ended
+                    pass
+            self._told.close()
+        if self._data is not None:
+            self._data.close()
+        if self._memory >= 0:
+            os.close(self._memory)
+        self._data = self._told = None
+        self._memory = -1
 
-    def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._pipe, there = context.Pipe()
-        with interrupts_held(), _children_allowed():
-            self._process = context.Process(target=_serve, args=(there, self.make), daemon=True)
-            self._process.start()
-        there.close()
+    def _begin(self) -> None:
+        if not hasattr(os, "memfd_create"):
+            raise ValueError(_NO_SUCH_SYSTEM)
+        self._data, data = socket.socketpair()
+        self._limit_s = math.inf
+        self._told, told = socket.socketpair()
+        self._memory = wire.new_memory()
+        with data, told:
+            errors = os.dup(2)
+            try:
+                _start(told.fileno(), data.fileno(), self._memory, errors)
+            except BaseException:
+                self.close()
+                raise
+            finally:
+                os.close(errors)
+        self._poll = select.poll()
+        for one in (self._data, self._told):
+            self._poll.register(one, select.POLLIN)
         try:
-            self._call("", START_S)
-        except EstimatorError as error:
-            raise RuntimeError(CANNOT_START) from error
+            self._told.settimeout(START_S)
+            _, self._pid = wire.END.unpack(_received(self._told, wire.END.size))
+            self._call("begin", START_S, self.target, _around(self.script))
+        except (EstimatorError, OSError, EOFError) as error:
+            self.close()
+            raise Unavailable(f"its process cannot start: {error}") from error
 
-    def _call(self, name: str, limit_s: float, *arguments: Any) -> Any:
-        assert self._pipe is not None
+    def _call(self, name: str, limit_s: float, *arguments: Any) -> Answer:
+        assert self._data is not None
+        request = pickle.dumps((name, arguments))
+        self._number = (self._number + 1) % (1 << 32)
+        deadline = time.monotonic() + limit_s
         try:
-            self._pipe.send((name, arguments))
-            self._wait(name, limit_s)
-            kind, answer, trace, seconds = self._pipe.recv()
+            if limit_s != self._limit_s:
+                self._data.settimeout(None if limit_s == math.inf else limit_s)
+                self._limit_s = limit_s
+            self._data.sendall(wire.REQUEST.pack(self._number, len(request)) + request)
+            while True:
+                kind, answer = self._answer(deadline)
+                if kind != wire.BEAT:
+                    break
+                deadline = time.monotonic() + limit_s
+        except TimeoutError:
+            self.close()
+            error = EstimatorError(f"{name} took longer than {limit_s:g} s")
+            error.late = True
+            raise error from None
         except (EOFError, OSError):
             ended = self._end()
             error = EstimatorError(f"{name} ended its process ({ended})")
             error.ended = ended
             raise error from None
-        if kind == "refused":
-            raise ValueError(answer)
-        if kind == "failed":
-            error = EstimatorError(answer)
-            error.trace = trace
+        except _Garbage:
+            self.close()
+            raise EstimatorError(f"{name}: its process answered what is no answer") from None
+        except BaseException:  # Ctrl-C: an answer may be on its way, which is not that of the next call
+            self.close()
+            raise
+        if kind == wire.REFUSED:
+            raise ValueError(answer.first)
+        if kind == wire.FAILED:
+            error = EstimatorError(answer.first)
+            error.trace, error.raised = answer.second, bool(answer.value)
             raise error
-        if seconds > limit_s:
-            raise EstimatorError(_too_long(name, limit_s))
         return answer
 
-    def _wait(self, name: str, limit_s: float) -> None:
-        """Wait for an answer; raise EOFError if the process has ended, even if others hold its pipe open."""
-        assert self._pipe is not None
-        assert self._process is not None
-        deadline = time.monotonic() + limit_s + GRACE_S
-        while not self._pipe.poll(min(LOOK_S, max(deadline - time.monotonic(), 0.0))):
-            if not self._process.is_alive() and not self._pipe.poll():
-                raise EOFError
-            if time.monotonic() > deadline:
-                self._process.kill()
-                self.close()
-                raise EstimatorError(_too_long(name, limit_s))
+    def _answer(self, deadline: float) -> tuple[int, Answer]:
+        """Receive an answer.
+
+        Raises:
+            TimeoutError: none came in time.
+            EOFError, OSError: the process has ended, even if others hold its socket open.
+            _Garbage: what came is no answer to this call.
+        """
+        assert self._data is not None
+        assert self._told is not None
+        left = deadline - time.monotonic()
+        ready = self._poll.poll(None if left == math.inf else max(left, 0.0) * 1e3)
+        if not ready:
+            raise TimeoutError
+        if ready[0][0] == self._told.fileno() and len(ready) == 1:
+            raise EOFError
+        number, kind, value, first, second = wire.ANSWER.unpack(_received(self._data, wire.ANSWER.size))
+        if number != self._number or kind > wire.BEAT or max(first, second) > wire.MAX_TEXT:
+            raise _Garbage
+        if not first + second:
+            return kind, Answer(value)
+        texts = [_received(self._data, length).decode("utf-8", "replace") for length in (first, second)]
+        return kind, Answer(value, " ".join(texts[0].split()), texts[1])
 
     def _end(self) -> str:
         """End the process if it still runs, and return how it ended, in words."""
         code = None
-        if self._process is not None:
-            self._process.join(GRACE_S)
-            code = self._process.exitcode
+        if self._told is not None:
+            with suppress(OSError, EOFError):
+                self._told.settimeout(GRACE_S)
+                _, code = wire.END.unpack(_received(self._told, wire.END.size))
         self.close()
         if code is None:
-            return "its pipe is closed"
-        return f"exit code {code}" if code >= 0 else f"signal {signal.Signals(-code).name}"
+            return "its socket is closed"
+        if code >= 0:
+            return f"exit code {code}"
+        known = -code in {one.value for one in signal.Signals}
+        return f"signal {signal.Signals(-code).name if known else -code}"
 
 
-def _too_long(name: str, limit_s: float) -> str:
-    return f"{name} took longer than {limit_s:g} s"
+class _Garbage(Exception):
+    """Answer that is none."""
 
 
-@contextmanager
-def _children_allowed() -> Iterator[None]:
-    """Allow children for the time of the context.
+def _received(data: socket.socket, size: int) -> bytes:
+    """Receive so many bytes.
 
-    The workers of Dask are daemons, which multiprocessing forbids to have children. Ours end with their parent anyway.
+    Raises:
+        EOFError: the other end is closed.
     """
-    config = vars(multiprocessing.current_process()).get("_config", {})
-    daemon = config.pop("daemon", None)
+    found = data.recv(size) if size else b""
+    while len(found) < size:
+        more = data.recv(size - len(found))
+        if not more:
+            raise EOFError
+        found += more
+    return found
+
+
+def _around(script: bool) -> Mapping[str, Any]:
+    """Return what a solver's process takes over from this one, with neither its arguments nor its keys."""
+    main = spawn.get_preparation_data("solver") if script else {}
+    return {
+        "path": [os.getcwd() if part == "" else part for part in sys.path],
+        "folder": os.getcwd(),
+        "environ": dict(os.environ),
+        "main": {name: value for name, value in main.items() if name.startswith("init_main_")},
+        "bytes": _most_memory(),
+    }
+
+
+def _most_memory() -> int:
+    """Return the most address space of a solver's process in bytes: that of the setting, or half of the machine's memory.
+
+    Raises:
+        ValueError: a setting that is not a positive number.
+    """
+    given = os.environ.get(MEMORY, "")
+    if not given:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
     try:
-        yield
-    finally:
-        if daemon is not None:
-            config["daemon"] = daemon
-
-
-def _serve(pipe: Connection, make: Callable[[], Any]) -> None:
-    """Serve in the other process: answer each call until the pipe is closed. A call without a name does nothing."""
-    prepare()
-    target = make()
-    reply: tuple[str, Any, str, float]
-    while True:
-        answer, name, begin = None, "unpickling", math.nan
-        try:
-            name, arguments = pipe.recv()
-            begin = time.perf_counter()
-            answer = getattr(target, name)(*arguments) if name else None
-            reply = ("done", answer, "", time.perf_counter() - begin)
-        except EOFError:
-            return
-        except EstimatorError as error:
-            reply = ("failed", str(error), error.text, math.nan)
-        except ValueError as error:
-            reply = ("refused", str(error), "", math.nan)
-        except BaseException as error:  # Ctrl-C of its own making, too
-            raised = EstimatorError(f"{name} raised {type(error).__name__}: {' '.join(str(error).split())}")
-            raised.__cause__ = error
-            reply = ("failed", str(raised), raised.text, math.nan)
-        try:
-            pipe.send(reply)
-        except OSError:  # nobody is waiting any more
-            sys.exit()
+        most = float(given)
+    except ValueError:
+        most = math.nan
+    if not most > 0:
+        raise ValueError(f"{MEMORY}={given!r}; allowed: a positive number of gigabytes, or inf for no limit")
+    return 0 if most == math.inf else int(most * 1e9)

@@ -7,6 +7,7 @@ import importlib.util
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +16,10 @@ import numpy as np
 from sins_env.checks import unknown
 from sins_env.evaluation.estimators import offers
 from sins_env.evaluation.estimators.about import About, about
-from sins_env.evaluation.estimators.offers import EntryPoint, Offer, called, line, origin
+from sins_env.evaluation.estimators.child import Child
+from sins_env.evaluation.estimators.guard import EstimatorError, line
+from sins_env.evaluation.estimators.offers import EntryPoint, Offer, called, origin
+from sins_env.evaluation.estimators.wire import Answer
 from sins_env.types import Estimator
 
 Factory = Callable[..., Estimator]
@@ -50,11 +54,14 @@ def is_own(solver: Solver) -> bool:
     return isinstance(solver, str) and solver in offers.own()
 
 
-def is_foreign(name: str) -> bool:
-    """Return whether another package offers a solver of that name."""
-    if is_own(name):
+def is_foreign(solver: Solver) -> bool:
+    """Return whether a solver is a stranger's: named as ``module:Factory``, or by a name that another package offers.
+
+    A class or function is none: the caller has imported it.
+    """
+    if not isinstance(solver, str) or is_own(solver):
         return False
-    return any(point.name == name for point in offers.points()[1]) or name in _foreign()
+    return ":" in solver or any(point.name == solver for point in offers.points()[1]) or solver in _foreign()
 
 
 class Listed(NamedTuple):
@@ -170,10 +177,23 @@ def module_of(solver: Solver) -> str:
         raise _no_such(solver)
     module = solver.partition(":")[0]
     package = module.partition(".")[0]
-    _search_here()
-    if package not in sys.modules and importlib.util.find_spec(package) is None:
+    if package not in sys.modules and spec_of(package) is None:
         raise _no_module(solver, f"No module named {package!r}")
     return module
+
+
+def spec_of(package: str) -> ModuleSpec | None:
+    """Return where a top-level package or module is, which may be the current directory; None if it is nowhere.
+
+    It is not imported, and the search path stays as it is: a stranger's folder may have a module of any name.
+
+    Raises:
+        ValueError: the script that runs.
+    """
+    if package in sys.modules or package in sys.builtin_module_names:
+        return importlib.util.find_spec(package)
+    here = [] if "" in sys.path else [os.getcwd()]
+    return PathFinder.find_spec(package, [*here, *sys.path])
 
 
 def _search_here() -> None:
@@ -252,15 +272,33 @@ def make(solver: Solver, settings: Mapping[str, Any] | None = None) -> Estimator
 def describe(solver: Solver) -> About:
     """Return the first paragraph of a solver's docstring, and its settings with their defaults as text.
 
-    A solver of another package, given by name, is described in a process of its own, and not imported here.
+    A stranger's solver is described in a process of its own, and not imported here.
 
     Raises:
-        ValueError: a solver that :func:`find` refuses.
+        ValueError: a solver that :func:`find` refuses, or a stranger's module that ends its process.
     """
-    by_name = isinstance(solver, str) and ":" not in solver and not is_own(solver)
-    if by_name and (found := _foreign().get(str(solver))):
-        return _told(found)
-    return about(find(solver))
+    if not isinstance(solver, str) or is_own(solver):
+        return about(find(solver))
+    if ":" not in solver:
+        return _told(found) if (found := _foreign().get(solver)) else about(find(solver))
+    child = Child(f"{__name__}:Served")
+    try:
+        return offers.untold(child.call("describe", offers.LIMIT_S, solver))
+    except EstimatorError as error:
+        raise ValueError(f"solver {solver!r} cannot be described: {error}") from error
+    finally:
+        child.close()
+
+
+class Served:
+    """Description of a solver in the other process, as :func:`describe` asks for it."""
+
+    def __init__(self, memory: int) -> None:
+        pass
+
+    def describe(self, path: str) -> Answer:
+        """Return the description of ``module:Factory``."""
+        return offers.told(path, find(path))
 
 
 def _told(offered: Sequence[Offer]) -> About:

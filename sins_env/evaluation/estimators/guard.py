@@ -17,7 +17,8 @@ from sins_env.states import answered
 
 Clock = Callable[[], float]
 Health = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
-MAX_TRACEBACK = 6000  #: most characters of a traceback, counted from its end
+MAX_TRACEBACK = 4000  #: most characters of a traceback, counted from its end
+MAX_MESSAGE = 1000  #: most characters of a message
 
 
 class EstimatorError(Exception):
@@ -29,18 +30,44 @@ class EstimatorError(Exception):
 
     trace = ""
     ended = ""
+    late = False  #: whether the call took too long
     raised = False  #: whether ``__cause__`` is an exception of the estimator's own
 
     @property
     def text(self) -> str:
         """Traceback of the estimator's exception; the message if there is none."""
         cause = self.__cause__
-        return self.trace or ("".join(traceback.format_exception(cause))[-MAX_TRACEBACK:] if cause else str(self))
+        return self.trace or (_traceback(cause) if cause else str(self))
 
 
-def _raised(name: str, error: BaseException) -> EstimatorError:
-    found = EstimatorError(f"{name} raised {type(error).__name__}: {' '.join(str(error).split())}")
-    found.raised = True
+class Unavailable(EstimatorError):
+    """Error of an estimator that cannot be made, so that no run of it can be played."""
+
+
+class Refusal(Unavailable, ValueError):
+    """Error of wrong use: a solver that is not there, or settings that do not fit."""
+
+
+def line(error: BaseException) -> str:
+    """Return type and message of any exception in one short line, even if it refuses to tell its message."""
+    try:
+        said = " ".join(str(error)[: 2 * MAX_MESSAGE].split())[:MAX_MESSAGE]
+    except BaseException as second:
+        said = f"(its message raises {type(second).__name__})"
+    return f"{type(error).__name__}: {said}".removesuffix(": ")
+
+
+def _traceback(error: BaseException) -> str:
+    try:
+        return "".join(traceback.format_exception(error))[-MAX_TRACEBACK:]
+    except BaseException as second:  # nested too deeply, for one
+        return f"{line(error)} (its traceback raises {type(second).__name__})"
+
+
+def error_of(name: str, error: BaseException) -> EstimatorError:
+    """Return the error of an estimator whose method ``name`` raised an exception."""
+    found = EstimatorError(f"{name} raised {line(error)}")
+    found.raised, found.__cause__ = True, error
     return found
 
 
@@ -51,6 +78,11 @@ class Guarded(Protocol):
     clock: Clock
     seconds: float  #: time of all steps since the guard was made, by the clock
     steps: int
+
+    @property
+    def told_s(self) -> float:
+        """Time of all steps without the way to another process and back, as that process tells."""
+        ...
 
     def reset(self, task: types.Task, rngs: Sequence[np.random.Generator]) -> None:
         """Begin the runs, each with its own generator.
@@ -103,6 +135,10 @@ class Guard:
         self.seconds, self.steps = 0.0, 0
         self.navigate = False  #: what the task of the last reset asks for
 
+    @property
+    def told_s(self) -> float:
+        return self.seconds
+
     def _call(self, name: str, *args: Any) -> Any:
         try:
             with np.errstate():  # what it sets with numpy.seterr is its own
@@ -110,13 +146,13 @@ class Guard:
         except KeyboardInterrupt:
             raise
         except BaseException as error:
-            raise _raised(name, error) from error
+            raise error_of(name, error) from error
 
     def offers(self, name: str) -> bool:
         try:
             return hasattr(self.estimator, name)
-        except Exception as error:
-            raise _raised(name, error) from error
+        except (Exception, SystemExit) as error:
+            raise error_of(name, error) from error
 
     def reset(self, task: types.Task, rngs: Sequence[np.random.Generator]) -> None:
         self.navigate = task.navigate
@@ -148,11 +184,12 @@ class Guard:
             what += f" of {given.dtype}" if given.ndim else ""
             if given.dtype.kind not in ("biufO" if given.ndim else "biuf"):
                 raise TypeError("text, complex numbers, times, records or None are no real numbers")
-            array = np.array(given, dtype=np.float64)
+            fits = given.shape == expected  # before it is copied: a broadcast array may be larger than any memory
+            array = np.array(given, dtype=np.float64) if fits else given
         except Exception as error:
             raise EstimatorError(f"{name} returned {what}; allowed: shape {expected}") from error
-        if array.shape != expected:
-            raise EstimatorError(f"{name} returned shape {array.shape}; allowed: {expected}")
+        if not fits:
+            raise EstimatorError(f"{name} returned shape {given.shape}; allowed: {expected}")
         return array.reshape(self.num_runs, *shape)
 
     def health(self) -> Health:
@@ -167,4 +204,8 @@ class Guard:
             )
         except Exception as error:
             raise EstimatorError(f"health returned {type(health).__name__} without repairs and failed_at") from error
+        if min(repairs.min(), fallbacks.min(), frozen.min() + 1) < 0:
+            raise EstimatorError(
+                "health returned a negative count; allowed: counts from 0 on, and failed_at from -1 on"
+            )
         return repairs, fallbacks, frozen

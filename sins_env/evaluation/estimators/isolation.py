@@ -1,26 +1,38 @@
 """Hosts of an estimator: the process of the caller, or a process of its own.
 
-In a process of its own, an estimator that hangs or ends the process costs a failed run and no more. The caller, which may be
-this process, a worker, a thread or a Dask worker, talks to it through a pipe. Observations go there, actions come back, and
-its time is taken there.
+A solver of this project plays in the process of the caller. So does a class or function that the caller has imported and
+hands over. A solver that is named as another package's, or as ``module:Factory``, is a stranger's: it has a process of its
+own, with a time limit for each call. That process gets observations and the public Task, and nothing else. Whatever the
+solver does there costs its own runs only. docs/contest.md tells what this promises.
 """
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from sins_env import types
 from sins_env.arrays import Array, Obs
-from sins_env.evaluation.estimators import finding
-from sins_env.evaluation.estimators.child import START_S, UNSENDABLE, Child
-from sins_env.evaluation.estimators.guard import Clock, EstimatorError, Guard, Guarded, Health
+from sins_env.evaluation.estimators import finding, wire
+from sins_env.evaluation.estimators.child import UNSENDABLE, Child
+from sins_env.evaluation.estimators.guard import Clock, EstimatorError, Guard, Guarded, Health, Refusal, Unavailable
+from sins_env.evaluation.estimators.wire import Answer, Layout
 from sins_env.kernels.warming import ready
+from sins_env.states import answered
+
+PATIENCE = 3  #: runs in succession that take too long, after which the others of a job are not played
+
+
+class Limits(NamedTuple):
+    """Longest times of a call, s."""
+
+    call_s: float = 10.0
+    first_s: float = 60.0  #: of the first call of each method in a batch, which may compile
+    make_s: float = 60.0  #: of imports and the constructor
 
 
 def check_timeout(seconds: float | None) -> None:
@@ -34,15 +46,19 @@ def check_timeout(seconds: float | None) -> None:
         raise ValueError(f"epoch_timeout_s = {seconds!r}; allowed: a positive number of seconds, or None")
 
 
-def limit(solver: finding.Solver, timeout_s: float | None = None) -> float | None:
-    """Return the time limit of a call for ``epoch_timeout_s``: None for a solver that plays in the caller's process.
+def limits(solver: finding.Solver, timeout_s: float | None = None) -> Limits | None:
+    """Return the time limits of a solver's calls for ``epoch_timeout_s``; None for one that plays in the caller's process.
 
-    This is the one place that decides where a solver plays. A solver with a time limit has a process of its own. A solver
-    of another package has one, too, without a limit, because it may do anything to its process. An unknown name has none.
+    This is the one place that decides where a solver plays. A given limit holds for any solver and for every call, and
+    infinity is no limit. Without it a solver of another package has the usual limits, and others play with the caller.
+
+    Raises:
+        ValueError: a limit that is not positive.
     """
-    named = isinstance(solver, str) and ":" not in solver
-    foreign = not named or finding.is_foreign(str(solver))
-    return math.inf if timeout_s is None and foreign else timeout_s
+    check_timeout(timeout_s)
+    if timeout_s is not None:
+        return Limits(timeout_s, timeout_s, max(timeout_s, Limits().make_s))
+    return Limits() if finding.is_foreign(solver) else None
 
 
 class Host(Protocol):
@@ -57,11 +73,16 @@ class Host(Protocol):
 
         Raises:
             ValueError: settings that it refuses, or a solver that cannot be sent to another process.
+            Unavailable: the estimator in its own process cannot be made.
         """
         ...
 
     def guard(self, num_runs: int, clock: Clock = time.perf_counter) -> Guarded:
-        """Return the estimator for so many runs, timed by the clock."""
+        """Return the estimator for so many runs, timed by the clock.
+
+        Raises:
+            Unavailable: the estimator in its own process cannot be made, or has been given up.
+        """
         ...
 
     def close(self) -> None:
@@ -90,40 +111,52 @@ class Here:
 class Isolated:
     """A solver in a process of its own, which starts again after it was lost."""
 
-    def __init__(self, solver: finding.Solver, settings: Mapping[str, Any] | None, timeout_s: float) -> None:
-        check_timeout(timeout_s)
-        self.solver, self.settings, self.timeout_s = solver, dict(settings or {}), timeout_s
-        self.child = Child(_Estimator)
+    def __init__(self, solver: finding.Solver, settings: Mapping[str, Any] | None, limits: Limits) -> None:
+        self.solver, self.settings, self.limits = solver, dict(settings or {}), limits
+        self.child = Child(f"{__name__}:Served", getattr(solver, "__module__", "") == "__main__")
+        self.late = 0  #: number of runs in succession that took too long
         self.renew()
 
     def renew(self) -> None:
+        name = finding.solver_name(self.solver)
         try:
-            self.batched = bool(self.child.call("make", START_S, self.solver, self.settings))
-        except (EstimatorError, *UNSENDABLE) as error:
+            self.batched = bool(self.child.call("make", self.limits.make_s, self.solver, self.settings).value)
+        except (ValueError, *UNSENDABLE) as error:
             self.close()
-            name = finding.solver_name(self.solver)
-            raise ValueError(f"solver {name!r} cannot be made in a process of its own: {error}") from error
+            said = str(error) if isinstance(error, ValueError) else f"solver {name!r} cannot be sent: {error}"
+            raise Refusal(said) from error
+        except EstimatorError as error:
+            self.close()
+            found = Unavailable(f"solver {name!r} cannot be made: {error}")
+            found.trace = error.text
+            raise found from error
 
     def guard(self, num_runs: int, clock: Clock = time.perf_counter) -> IsolatedGuard:
+        if self.late >= PATIENCE:
+            raise Unavailable(f"not played: the {PATIENCE} runs before it took too long")
         if not self.child.running:
             self.renew()
-        self.child.call("guard", START_S, num_runs, clock)
-        return IsolatedGuard(self.child, self.timeout_s, num_runs, clock)
+        self.child.call("guard", self.limits.call_s, num_runs, clock)
+        return IsolatedGuard(self, num_runs, clock)
 
     def close(self) -> None:
         self.child.close()
 
 
 @contextmanager
-def hosted(solver: finding.Solver, settings: Mapping[str, Any] | None, timeout_s: float | None) -> Iterator[Host]:
-    """Yield the solver in this process or, with a time limit, in one of its own, which ends with the context.
+def hosted(
+    solver: finding.Solver, settings: Mapping[str, Any] | None, timeout_s: float | None = None
+) -> Iterator[Host]:
+    """Yield the solver in this process or in one of its own, as :func:`limits` decides, which ends with the context.
 
     Kernels are compiled before, because time spent on it is not the solver's.
 
     Raises:
         ValueError: no such solver, settings that it refuses, or a limit that is not positive.
+        Unavailable: it cannot be made in a process of its own, where it ends the process, say.
     """
-    host: Host = Here(solver, settings) if timeout_s is None else Isolated(solver, settings, timeout_s)
+    found = limits(solver, timeout_s)
+    host: Host = Here(solver, settings) if found is None else Isolated(solver, settings, found)
     ready()
     try:
         yield host
@@ -131,40 +164,113 @@ def hosted(solver: finding.Solver, settings: Mapping[str, Any] | None, timeout_s
         host.close()
 
 
+def prove(solver: finding.Solver, settings: Mapping[str, Any] | None, timeout_s: float | None = None) -> None:
+    """Make a solver once, so that wrong use is refused before anything runs.
+
+    A stranger that cannot be made for another reason, because it ends its process, say, is left to its runs, which fail.
+
+    Raises:
+        ValueError: no such solver, settings that it refuses, or a limit that is not positive.
+    """
+    try:
+        with hosted(solver, settings, timeout_s):
+            pass
+    except Refusal:
+        raise
+    except Unavailable:
+        return
+
+
 class IsolatedGuard:
-    """A :class:`Guard` whose estimator is in another process."""
+    """A :class:`Guard` whose estimator is in another process.
 
-    def __init__(self, child: Child, timeout_s: float, num_runs: int, clock: Clock) -> None:
-        self.child, self.timeout_s, self.num_runs, self.clock = child, timeout_s, num_runs, clock
-        self.seconds, self.steps = 0.0, 0
+    Its time is that from a request to its answer by the clock of this process, because the solver may change its own. With
+    ``time.process_time`` it is the CPU time of both processes together, that of the solver's by the kernel's clock.
+    """
 
-    def _ask(self, name: str, *arguments: Any) -> Any:
-        return self.child.call(name, self.timeout_s, *arguments)
+    def __init__(self, host: Isolated, num_runs: int, clock: Clock) -> None:
+        self.host, self.num_runs, self.clock = host, num_runs, clock
+        self.child = host.child
+        self.seconds, self.told_s, self.steps = 0.0, 0.0, 0
+        self.way_s = (
+            0.0  #: time of all steps but the estimator's own, which its process tells: true of own solvers only
+        )
+        self.navigate = False
+        self._called: set[str] = set()
+        self._obs: list[tuple[str, Any]] = []
+        self._answers: dict[str, Any] = {}
+
+    def _ask(self, name: str, *arguments: Any) -> Answer:
+        limit_s = self.host.limits.call_s if name in self._called else self.host.limits.first_s
+        self._called.add(name)
+        try:
+            return self.child.call(name, limit_s, *arguments)
+        except ValueError as error:  # Guard has none
+            raise EstimatorError(f"{name} failed: {error}") from error
+        except EstimatorError as error:
+            if self.num_runs == 1:
+                self.host.late = self.host.late + 1 if error.late else 0
+            raise
+
+    def _now(self) -> float:
+        return self.clock() + (self.child.cpu_s() if self.clock is time.process_time else 0.0)
 
     def reset(self, task: types.Task, rngs: Sequence[np.random.Generator]) -> None:
+        self.navigate = task.navigate
         self._ask("reset", task, rngs)
 
+    def _share(self, obs: Obs) -> None:
+        layout = layout_of(obs, self.num_runs, self.navigate)
+        found = self.child.share(layout)
+        self._ask("share", layout)
+        self._obs = [(name, found[name]) for name in obs]
+        self._answers = {name: found[name] for name in found if name not in obs}
+
     def step(self, obs: Obs) -> Array:
-        action, seconds = self._ask("step", obs)
+        if not self._answers:
+            self._share(obs)
+        for name, array in self._obs:
+            array[...] = obs[name]
+        begin = self._now()
+        told = self._ask("step")
+        seconds = self._now() - begin
         self.seconds += seconds
+        self.told_s += told.value * 1e-9
         self.steps += 1
-        return np.asarray(action)
+        return np.array(self._answers["action"])
 
     def covariance(self) -> Array | None:
-        P: Array | None = self._ask("covariance")
-        return P
+        return np.array(self._answers["covariance"]) if self._ask("covariance").value else None
 
     def health(self) -> Health:
-        found: Health = self._ask("health")
-        return found
+        self._ask("health")
+        repairs, fallbacks, frozen = np.array(self._answers["health"])
+        if min(repairs.min(), fallbacks.min(), frozen.min() + 1) < 0:
+            raise EstimatorError("health returned a negative count")
+        self.host.late = 0
+        return repairs, fallbacks, frozen
 
 
-class _Estimator:
+def layout_of(obs: Obs, num_runs: int, navigate: bool) -> Layout:
+    """Return the arrays that both ends share: an observation, and the answers to it."""
+    n = answered(navigate).size
+    return (
+        *((name, value.dtype.str, value.shape) for name, value in obs.items()),
+        ("action", "<f8", (num_runs, 10 if navigate else 4)),
+        ("covariance", "<f8", (num_runs, n, n)),
+        ("health", "<i8", (3, num_runs)),
+    )
+
+
+class Served:
     """Other end of :class:`Isolated`: the estimator and its guard, in the process of their own."""
 
-    def make(self, solver: finding.Solver, settings: Mapping[str, Any]) -> bool:
+    def __init__(self, memory: int) -> None:
+        self._memory = memory
+
+    def make(self, solver: finding.Solver, settings: Mapping[str, Any]) -> Answer:
         self._estimator = finding.make(solver, settings)
-        return bool(self._estimator.batched)
+        return Answer(bool(self._estimator.batched))
 
     def guard(self, num_runs: int, clock: Clock) -> None:
         self._guard = Guard(self._estimator, num_runs, clock=clock)
@@ -172,13 +278,22 @@ class _Estimator:
     def reset(self, task: types.Task, rngs: Sequence[np.random.Generator]) -> None:
         self._guard.reset(task, rngs)
 
-    def step(self, obs: Obs) -> tuple[Array, float]:
-        """Return the action, and the time of the step by the guard's clock."""
+    def share(self, layout: Layout) -> None:
+        arrays = wire.shared(self._memory, layout)
+        self._answers = {name: arrays.pop(name) for name in ("action", "covariance", "health")}
+        self._obs = arrays
+
+    def step(self) -> Answer:
+        """Take a step, and return its time in ns."""
         before = self._guard.seconds
-        return self._guard.step(obs), self._guard.seconds - before
+        self._answers["action"][...] = self._guard.step({name: array.copy() for name, array in self._obs.items()})
+        return Answer(round((self._guard.seconds - before) * 1e9))
 
-    def covariance(self) -> Array | None:
-        return self._guard.covariance()
+    def covariance(self) -> Answer:
+        P = self._guard.covariance()
+        if P is not None:
+            self._answers["covariance"][...] = P
+        return Answer(P is not None)
 
-    def health(self) -> Health:
-        return self._guard.health()
+    def health(self) -> None:
+        self._answers["health"][...] = self._guard.health()

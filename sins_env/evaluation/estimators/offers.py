@@ -11,10 +11,7 @@ ends its process, only its own names are missing.
 from __future__ import annotations
 
 import importlib.metadata
-import json
-import os
 import re
-import subprocess
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -23,6 +20,9 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from sins_env.evaluation.estimators.about import About, about
+from sins_env.evaluation.estimators.child import Child
+from sins_env.evaluation.estimators.guard import EstimatorError, line
+from sins_env.evaluation.estimators.wire import MAX_TEXT, Answer
 
 GROUP = "sins_env.estimators"
 OWN = "sins-env"  #: name of this distribution, whose solver names no other package can take
@@ -30,14 +30,8 @@ LIMIT_S = 30.0  #: longest time in which a package is imported and its solvers a
 EntryPoint = importlib.metadata.EntryPoint
 Offered = Mapping[str, Callable[[], Any]]  #: functions that return a factory, by name of the solver
 
-#: Program of the other process. It reads the path and the entry points from standard input, and prints a line for each.
-_CHILD = """
-import json, sys
-given = json.load(sys.stdin)
-sys.path[:] = given["path"]
-from sins_env.evaluation.estimators import offers
-offers.answer(given["points"])
-"""
+MOST_OFFERED = 1000  #: most solvers of an entry point
+SEPARATOR = "\0"  #: between the parts of a description that passes between processes
 
 
 class Offer(NamedTuple):
@@ -134,7 +128,7 @@ def _offers(points: Sequence[EntryPoint], answer: Sequence[Any]) -> Iterable[Off
     for point, found in zip(points, answer, strict=True):
         for name, said in found.items() if isinstance(found, dict) else [(point.name, found)]:
             refused = isinstance(said, str)
-            yield Offer(name, point, About("", {}) if refused else About(*said), said if refused else "")
+            yield Offer(name, point, About("", {}) if refused else said, said if refused else "")
 
 
 @lru_cache
@@ -145,47 +139,78 @@ def asked(points: tuple[tuple[str, str], ...]) -> list[Any]:
         for each entry point (name, value) a mapping from the name of a solver to its description. A text instead of a
         mapping or a description is the reason why it cannot be loaded.
     """
-    given = json.dumps({"path": sys.path, "points": points}).encode()
+    found: list[Any] = []
+    child = Child(f"{__name__}:Served")
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", _CHILD],
-            input=given, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=LIMIT_S,
-        )  # fmt: skip
-        said, end = done.stdout, f"importing it ended the process (exit code {done.returncode})"
-    except subprocess.TimeoutExpired as error:
-        said, end = error.stdout or b"", f"importing it took longer than {LIMIT_S:g} s"
-    answers = [json.loads(line) for line in said.splitlines(keepends=True) if line.endswith(b"\n")]
-    if len(answers) < len(points):
-        after = f"not looked at: {points[len(answers)][0]}: {end}"
-        answers += [end, *[after] * (len(points) - len(answers) - 1)]
-    return answers
+        for name, value in points:
+            found.append(_asked(child, name, value))
+            if not child.running:
+                found += [f"not looked at: {name}: {found[-1]}"] * (len(points) - len(found))
+                break
+    finally:
+        child.close()
+    return found
 
 
-def answer(points: Sequence[Sequence[str]]) -> None:
-    """Print, in the other process, a line of JSON for each entry point, as :func:`asked` returns them."""
-    out = os.fdopen(os.dup(1), "w")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what the packages print is nobody's concern
-    for name, value in points:
-        print(json.dumps(_answer(EntryPoint(name, value, GROUP))), file=out, flush=True)
-
-
-def _answer(point: EntryPoint) -> Any:
+def _asked(child: Child, name: str, value: str) -> Any:
     try:
-        return {name: _said(name, get) for name, get in load(point).items()}
-    except (Exception, SystemExit) as error:
-        return line(error)
+        count = child.call("load", LIMIT_S, name, value).value
+        if count not in range(MOST_OFFERED + 1):
+            return f"it offers {count} solvers; allowed: up to {MOST_OFFERED}"
+        return dict(_described(child.call("describe", LIMIT_S, i)) for i in range(count))
+    except EstimatorError as error:
+        if error.ended:
+            return f"importing it ended the process ({error.ended})"
+        return f"importing it took longer than {LIMIT_S:g} s" if error.late else str(error)
+    except ValueError as error:
+        return str(error)
 
 
-def _said(name: str, get: Callable[[], Any]) -> About | str:
-    try:
-        return about(called(get(), name))
-    except (Exception, SystemExit) as error:
-        return line(error)
+def _described(answer: Answer) -> tuple[str, About | str]:
+    """Return the name of a solver, and its description or the reason why it cannot be loaded."""
+    text, *settings = answer.second.split(SEPARATOR)
+    return answer.first, About(text, dict(zip(settings[::2], settings[1::2], strict=False))) if answer.value else text
 
 
-def line(error: BaseException) -> str:
-    """Return an exception in one line."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+class Served:
+    """Descriptions of solvers in the other process, as :func:`asked` and :func:`finding.describe` ask for them."""
+
+    def __init__(self, memory: int) -> None:
+        self._found: list[tuple[str, Callable[[], Any]]] = []
+
+    def load(self, name: str, value: str) -> Answer:
+        """Load an entry point and return the number of solvers that it offers."""
+        try:
+            self._found = list(load(EntryPoint(name, value, GROUP)).items())
+        except (Exception, SystemExit) as error:
+            raise ValueError(line(error)) from None
+        return Answer(len(self._found))
+
+    def describe(self, i: int) -> Answer:
+        """Return name and description of a solver of the entry point that was loaded last."""
+        name, get = self._found[i]
+        try:
+            return told(name, called(get(), name))
+        except (Exception, SystemExit) as error:
+            return Answer(0, name, line(error))
+
+
+def told(name: str, factory: Any) -> Answer:
+    """Return the description of a solver as an answer; what is too long for one is left out."""
+    said = about(factory)
+    text, room = said.text[: MAX_TEXT // 2], MAX_TEXT // 2
+    for key, default in said.settings.items():
+        part = f"{SEPARATOR}{key}{SEPARATOR}{default}"
+        if (room := room - len(part.encode("utf-8", "replace"))) < 0:
+            break
+        text += part
+    return Answer(1, name, text)
+
+
+def untold(answer: Answer) -> About:
+    """Return the description in an answer of :func:`told`."""
+    _, said = _described(answer)
+    return said if isinstance(said, About) else About("", {})
 
 
 def called(factory: Any, name: str) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import signal
@@ -29,6 +30,19 @@ def interrupts_held() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+_DUMPABLE = 4  # linux/prctl.h
+
+
+def keep_secrets() -> None:
+    """Keep other processes of the same user from reading the memory of this one, which holds the seed of a hidden suite.
+
+    Linux does this; a process of root can read it in any case.
+    """
+    libc = ctypes.CDLL(None)
+    if hasattr(libc, "prctl"):
+        libc.prctl(_DUMPABLE, 0, 0, 0, 0)
 
 
 def prepare() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -59,7 +58,7 @@ def _packages(solver: finding.Solver) -> set[str]:
 def _sources(package: str) -> list[Path]:
     """Return the Python files of a top-level package or module without importing it; none if it is not there."""
     try:
-        spec = importlib.util.find_spec(package)
+        spec = finding.spec_of(package)
     except (ImportError, ValueError):  # a misspelt name; the script that runs has none, but a file
         file = getattr(sys.modules.get(package), "__file__", None)
         return [Path(file)] if file else []

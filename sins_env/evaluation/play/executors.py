@@ -122,9 +122,7 @@ def check_executor(name: str | None) -> None:
 
 
 @contextmanager
-def runner(
-    executor: Executor | Runner | str | None, workers: int | None, jobs: int, apart: bool = False
-) -> Iterator[Runner]:
+def runner(executor: Executor | Runner | str | None, workers: int | None, jobs: int) -> Iterator[Runner]:
     """Yield the runner for a number of jobs; it is closed with the context, but a given executor stays open.
 
     Args:
@@ -132,7 +130,6 @@ def runner(
             or one job stays in this process.
         workers: number of processes; None takes one per core.
         jobs: number of jobs.
-        apart: whether even a single job has a worker process, so that this process outlives anything a solver does.
 
     Raises:
         ValueError: an unknown executor, or fewer than one worker.
@@ -154,7 +151,7 @@ def runner(
     if executor == "dask":
         with dask_client(workers) as client:
             yield Borrowed(client.get_executor())
-    elif min(workers, jobs) > 1 or apart:
+    elif min(workers, jobs) > 1:
         with Processes(min(workers, jobs)) as processes:
             yield processes
     else:

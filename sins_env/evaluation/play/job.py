@@ -10,6 +10,7 @@ import numpy as np
 
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.estimators.isolation import Host, hosted
+from sins_env.evaluation.estimators.processes import keep_secrets
 from sins_env.evaluation.tasks.task import EvaluationTask, solver_rng
 
 
@@ -22,7 +23,8 @@ class Job:
     runs: tuple[int, ...]
     settings: dict[str, Any] = field(default_factory=dict)
     suite_seed: int | None = None
-    #: Longest time of one call of the estimator, s. With a limit, even an infinite one, it has a process of its own.
+    #: Longest time of one call of the estimator, s. With a limit, even an infinite one, it has a process of its own; None
+    #: gives that to a stranger's only, with the usual limits.
     epoch_timeout_s: float | None = None
 
     def host(self) -> AbstractContextManager[Host]:
@@ -30,7 +32,10 @@ class Job:
 
         Raises:
             ValueError: no such solver, settings that it refuses, or a limit that is not positive.
+            Unavailable: it cannot be made in a process of its own.
         """
+        if self.suite_seed is not None:
+            keep_secrets()
         return hosted(self.solver, self.settings, self.epoch_timeout_s)
 
     def rngs(self) -> list[np.random.Generator]:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from sins_env.arrays import Array
 from sins_env.evaluation.estimators import finding
-from sins_env.evaluation.estimators.isolation import check_timeout
 from sins_env.evaluation.play.criteria import PHI
 from sins_env.evaluation.play.job import Job
 from sins_env.evaluation.play.playing import Observer, play
@@ -63,11 +62,11 @@ def run_episode(
 
     Raises:
         ValueError, FileNotFoundError: a task, a run, settings or a solver that do not fit.
+        EstimatorError: a stranger's solver cannot be made.
     """
     task = get_task(task)
     (run,) = run_numbers([run])
     task.check_runs(run + 1)
-    check_timeout(epoch_timeout_s)
     kept: list[Array] = []
     sigmas: list[Array] = []
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sins_env import attitude
 from sins_env.arrays import Array
 from sins_env.envs.reward import failed_epochs
-from sins_env.evaluation.estimators.guard import EstimatorError
+from sins_env.evaluation.estimators.guard import EstimatorError, Unavailable
 from sins_env.evaluation.estimators.isolation import Host
 from sins_env.evaluation.play.criteria import PHI, SCORED, Criteria
 from sins_env.evaluation.play.errors import euler_errors, nees
@@ -41,12 +41,15 @@ def run_job(job: Job, tick: Tick | None = None) -> Records:
 
     Raises:
         ValueError, FileNotFoundError: settings of the task or the solver that do not fit. Exceptions of a running
-            estimator are in the records instead.
+            estimator are in the records instead, and so is why a stranger's cannot be made.
     """
     done = _Counter(tick)
-    with job.host() as host:
-        parts = [job.runs] if host.batched else [(run,) for run in job.runs]
-        return Records.concat([_play_or_split(replace(job, runs=runs), host, done) for runs in parts])
+    try:
+        with job.host() as host:
+            parts = [job.runs] if host.batched else [(run,) for run in job.runs]
+            return Records.concat([_play_or_split(replace(job, runs=runs), host, done) for runs in parts])
+    except Unavailable as error:
+        return _unavailable(job, error)
 
 
 class _Counter:
@@ -66,13 +69,18 @@ def _play_or_split(job: Job, host: Host, done: _Counter) -> Records:
     before = done.total
     try:
         return play(job, host, done)
+    except Unavailable as error:
+        return _unavailable(job, error)
     except EstimatorError:
         done.total = before
         middle = len(job.runs) // 2
         parts = []
-        for runs in (job.runs[:middle], job.runs[middle:]):
-            host.renew()
-            parts.append(_play_or_split(replace(job, runs=runs), host, done))
+        for half in (replace(job, runs=job.runs[:middle]), replace(job, runs=job.runs[middle:])):
+            try:
+                host.renew()
+                parts.append(_play_or_split(half, host, done))
+            except Unavailable as error:
+                parts.append(_unavailable(half, error))
         return Records.concat(parts)
 
 
@@ -179,6 +187,15 @@ def _with_frozen(records: Records, frozen: NDArray[np.int64]) -> Records:
 
 def lost_records(job: Job, why: str) -> Records:
     """Return the records of runs whose worker died: every epoch has failed, for the reason ``why``."""
+    return _unplayed(job, "lost", why)
+
+
+def _unavailable(job: Job, error: Unavailable) -> Records:
+    """Return the records of runs whose estimator cannot be made."""
+    return _unplayed(job, "raised", str(error), error.text)
+
+
+def _unplayed(job: Job, status: str, why: str, trace: str = "") -> Records:
     env = job.task.make(len(job.runs))
     job.task.reset(env, job.runs, job.suite_seed)
     criteria = Criteria.of(job.task, env.unwrapped.task, is_scored(env))  # type: ignore[attr-defined]
@@ -186,4 +203,6 @@ def lost_records(job: Job, why: str) -> Records:
     scorer = Scorer(criteria, len(job.runs))
     scorer.fill()
     count = len(job.runs)
-    return scorer.records(job.runs, status=np.array(["lost"] * count), reason=(why,) * count)
+    return scorer.records(
+        job.runs, status=np.array([status] * count), reason=(why,) * count, traceback=(trace,) * count
+    )

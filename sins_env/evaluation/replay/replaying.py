@@ -88,8 +88,7 @@ def replay(
         settings: settings of the solver.
         env: further keyword arguments of ``SINS/Replay-v0``.
         seed: seed of the solver's random numbers.
-        epoch_timeout_s: longest time of one call of the solver, s. With a limit, even an infinite one, the solver has a
-            process of its own.
+        epoch_timeout_s: longest time of one call of the solver, s, as in ``evaluate``.
         progress: function called with the seconds done, their total, and a note.
 
     Raises:

@@ -56,7 +56,8 @@ def measure(
     """Measure the speed of environment and estimator on one thread, in CPU time, which a busy machine disturbs little.
 
     Args:
-        host: solver. If it has a process of its own, its CPU time is taken there, without that of the communication.
+        host: solver. If it has a process of its own, the estimator's time is the CPU time of both processes, by the kernel's
+            clock, and so has that of the way there and back in it.
         task: a task or its name.
         batches: numbers of runs, as :func:`fitting` gives them.
         seconds: duration of the measurement of each; None takes SECONDS.
@@ -95,7 +96,7 @@ def _blocks(probe: Probe, seconds: float, report: Callable[[float], None]) -> tu
     spent = []
     begin = time.perf_counter()
     while probe.left >= BLOCK:
-        spent.append([part.sum() for part in probe.advance(BLOCK)])
+        spent.append([part.sum() for part in probe.advance(BLOCK)[:2]])
         passed = time.perf_counter() - begin
         report(min(passed / seconds, 1.0))
         if passed > seconds:

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.estimators.guard import Clock, EstimatorError
-from sins_env.evaluation.estimators.isolation import hosted
+from sins_env.evaluation.estimators.isolation import hosted, limits
 from sins_env.evaluation.play.executors import Processes, Runner
 from sins_env.evaluation.play.job import Job
 from sins_env.evaluation.speed.timing import Probe
@@ -45,7 +45,9 @@ def measure_cost(
         task: task to play.
         solver: a name, ``module:Factory``, or a class or function.
         settings: settings of the solver.
-        timeout_s: longest time of a call. With a limit solver and ckf have a process of their own each, which take the times.
+        timeout_s: longest time of a call; None is the usual. If the solver has a process of its own, so has ckf. The time
+            from request to answer is taken here, where a solver cannot change the clock. Without the way there and back, as
+            measured with ckf, it is the least that the solver's own figure may be.
         clock: clock of the measurement; ``time.process_time`` counts CPU time, which a busy machine disturbs little.
 
     Returns:
@@ -53,22 +55,23 @@ def measure_cost(
     """
     given = dict(settings or {})
     same = solver == YARDSTICK and not given
-    own: list[float] = []
-    other: list[float] = []
+    own: list[tuple[float, float]] = []  # seconds by the clock here, and as told
+    other: list[tuple[float, float]] = []
+    apart = limits(solver, timeout_s) is not None
     played = [(solver, given, timeout_s, own)]
     if not same and finding.is_own(YARDSTICK):
-        played.append((YARDSTICK, {}, timeout_s and math.inf, other))
+        played.append((YARDSTICK, {}, math.inf if apart else None, other))
     with threadpool_limits(1), ExitStack() as stack:
         try:
-            timed: list[tuple[Probe, list[float]]] = []
+            timed: list[tuple[Probe, list[tuple[float, float]]]] = []
             for name, settings, limit_s, times in played:
                 host = stack.enter_context(hosted(name, settings, limit_s))
                 timed.append((stack.enter_context(closing(Probe(task, host, warm_up=WARM_UP, clock=clock))), times))
             spent = 0.0
             for _ in range(BLOCKS):
                 for probe, times in timed:
-                    estimator_s, env_s = probe.advance(BLOCK)
-                    times += estimator_s.tolist()
+                    estimator_s, env_s, told_s = probe.advance(BLOCK)
+                    times += zip(estimator_s.tolist(), told_s.tolist(), strict=True)
                     spent += float(estimator_s.sum() + env_s.sum())
                 if spent > MOST_S:
                     break
@@ -76,8 +79,11 @@ def measure_cost(
             return None
     if not own:
         return None
-    median, p95 = np.percentile(own, [50, 95]) * 1e6
-    ratio = 1.0 if same else float(median / (np.median(other) * 1e6)) if other else None
+    here_s, told_s = np.array(own).T
+    yardstick_s, yardstick_told_s = np.array(own if same else other or [(0.0, 0.0)]).T
+    way_s = np.median(yardstick_s - yardstick_told_s)
+    median, p95 = np.maximum(np.percentile(here_s, [50, 95]) - way_s, np.percentile(told_s, [50, 95])) * 1e6
+    ratio = 1.0 if same else float(median / (np.median(yardstick_told_s) * 1e6)) if other else None
     return Cost(float(median), float(p95), ratio)
 
 

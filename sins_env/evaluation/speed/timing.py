@@ -45,12 +45,19 @@ class Probe:
         """Number of epochs that are still to be played."""
         return self._loop.left
 
-    def advance(self, epochs: int) -> tuple[Array, Array]:
-        """Play up to ``epochs`` epochs; return the seconds of the estimator and of the environment in each, (n,) both."""
-        times = np.empty((min(epochs, self.left), 2))
+    def advance(self, epochs: int) -> tuple[Array, Array, Array]:
+        """Play up to ``epochs`` epochs.
+
+        Returns:
+            the seconds of the estimator and of the environment in each epoch, and those of the estimator as it tells them
+            itself, (n,) each. The last are without the way to its process and back, if it has one, but may be a lie.
+        """
+        times, guard = np.empty((min(epochs, self.left), 3)), self._loop.guard
+        told_s = guard.told_s
         for spent, epoch in zip(times, self._loop, strict=False):
-            spent[:] = epoch.estimator_s, epoch.env_s
-        return times[:, 0], times[:, 1]
+            spent[:] = epoch.estimator_s, epoch.env_s, guard.told_s - told_s
+            told_s = guard.told_s
+        return times[:, 0], times[:, 1], times[:, 2]
 
     def close(self) -> None:
         """Close the environment."""

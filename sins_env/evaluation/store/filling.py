@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from sins_env.evaluation.estimators import isolation, version
+from sins_env.evaluation.estimators import version
 from sins_env.evaluation.play.executors import runner
 from sins_env.evaluation.play.job import Job
 from sins_env.evaluation.play.progress import Bar
@@ -83,11 +83,10 @@ def fill(
     if not queue and not any(_cost_missing(store, one) for one in timed):
         return
     key_of = {id(job): one.key for one, job in queue}
-    apart = any(isolation.limit(one.solver) is not None for one in (*wanted, *timed))
     titles = [f"{one.solver} on {one.task.name}" for one, _ in todo]
     try:
         with (
-            runner(executor, workers, max(len(queue), 1), apart) as where,
+            runner(executor, workers, max(len(queue), 1)) as where,
             Bar(titles[0] if len(titles) == 1 else f"{len(titles)} evaluations") as bar,
         ):
             for done, records in played([job for _, job in queue], where, bar.update):

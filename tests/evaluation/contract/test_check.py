@@ -152,10 +152,10 @@ def test_a_bare_filter_is_to_be_wrapped():
 
 def test_apart_the_checks_are_the_same():
     seen = []
-    there = check_estimator(PLUGIN + "GlobalRandom", on_check=seen.append, apart=True)
+    there = check_estimator(PLUGIN + "GlobalRandom", on_check=seen.append)
     assert there == seen == check_estimator(plugins.GlobalRandom)
     with pytest.raises(ValueError, match="allowed: not negative"):
-        check_estimator(PLUGIN + "with_setting", {"gain": -1}, apart=True)
+        check_estimator(PLUGIN + "with_setting", {"gain": -1})
     local = type("Local", (plugins.Told,), {})
     with pytest.raises(ValueError, match="Local' cannot be checked in a process of its own"):
         check_estimator(local, apart=True)
@@ -165,5 +165,5 @@ def test_an_estimator_that_ends_the_process_of_the_checks():
     """What was found before is told all the same."""
     seen = []
     with pytest.raises(EstimatorError, match=r"Leaves ended its process in the middle of the checks \(exit code 7\)"):
-        check_estimator(PLUGIN + "Leaves", on_check=seen.append, apart=True)
+        check_estimator(PLUGIN + "Leaves", on_check=seen.append)
     assert [check.passed for check in seen] == [True]

@@ -71,7 +71,7 @@ def test_the_example_equals_the_tests_own_dead_reckoning():
         one = evaluate(SHORT, "gyro_reckoning:GyroReckoning", 3, workers=1, cost=False).records
     finally:
         sys.path.remove(str(PACKAGE))
-        del sys.modules["gyro_reckoning"]
+    assert "gyro_reckoning" not in sys.modules
     other = evaluate(SHORT, plugins.DeadReckoning, 3, workers=1, cost=False).records
     assert abs(one.final - other.final).max() < 5e-4
 

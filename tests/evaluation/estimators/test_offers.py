@@ -1,7 +1,5 @@
 """What other packages offer: one entry point, many names; a package that goes wrong costs its own names and nothing else."""
 
-import math
-import subprocess
 import sys
 from textwrap import dedent
 
@@ -9,8 +7,8 @@ import pytest
 
 import solvers
 from sins_env.evaluation import evaluate
-from sins_env.evaluation.estimators import finding, offers
-from sins_env.evaluation.estimators.isolation import limit
+from sins_env.evaluation.estimators import child, finding, offers
+from sins_env.evaluation.estimators.isolation import Limits, limits
 from solvers.registry import ESTIMATORS, FILTERS
 
 REGISTERS = """
@@ -92,7 +90,7 @@ def test_one_entry_point_many_registered_names(installed):
     assert "my_filters" not in sys.modules
     assert type(finding.make("soft", {"softness": 0.25})).__name__ == "Pipeline"
     assert finding.make("steady").batched
-    assert (limit("soft"), limit("ckf"), limit("sofd")) == (math.inf, None, None)
+    assert (limits("soft"), limits("ckf"), limits("sofd")) == (Limits(), None, None)
     assert not finding.is_own("soft")  # though it is registered in this process now
     assert finding.find("my_filters:steady")().batched
     with pytest.raises(ValueError, match="unknown factory in my_filters 'sofd'; did you mean 'soft'"):
@@ -170,11 +168,11 @@ def test_what_was_listed_before_a_package_ended_its_process_stays(installed, tmp
 
 def test_own_solvers_need_no_other_process(installed, monkeypatch):
     installed("my_filters", REGISTERS, my_filters="my_filters")
-    monkeypatch.setattr(subprocess, "run", None)
+    monkeypatch.setattr(child.Child, "call", None)
     assert finding.make("ckf").batched
     assert finding.is_own("ckf")
     assert not finding.is_own("soft")
-    assert limit("ckf") is None
+    assert limits("ckf") is None
     installed("my_filters", REGISTERS, plain="evaluation.plugins:Told")
     assert finding.find("plain").__name__ == "Told"  # an entry point of its own name needs none, either
 
@@ -182,7 +180,7 @@ def test_own_solvers_need_no_other_process(installed, monkeypatch):
 def test_without_other_packages_there_is_no_other_process(monkeypatch):
     own = offers.points()[0]
     monkeypatch.setattr(offers, "points", lambda: (own, []))
-    monkeypatch.setattr(subprocess, "run", None)
+    monkeypatch.setattr(child.Child, "call", None)
     assert finding.names() == sorted(offers.own())
     with pytest.raises(ValueError, match="unknown solver 'ckff'; did you mean 'ckf'"):
         finding.find("ckff")

@@ -9,7 +9,7 @@ from evaluation import plugins
 
 from sins_env.evaluation import evaluate
 from sins_env.evaluation.estimators.guard import EstimatorError, Guard
-from sins_env.evaluation.estimators.isolation import Here, Isolated, hosted, limit
+from sins_env.evaluation.estimators.isolation import Here, Isolated, hosted, limits
 from sins_env.evaluation.play.errors import nees
 from sins_env.evaluation.play.job import Job
 from sins_env.evaluation.play.loop import Loop
@@ -90,12 +90,13 @@ def test_times_are_by_the_clock_of_the_guard(short):
 
 
 def test_who_has_a_process_of_its_own():
-    assert limit("ckf") is None
-    assert limit("ckf", 2.0) == 2.0
-    for foreign in (PLUGIN + "Told", plugins.Told, "solvers.zoo:ckf"):
-        assert limit(foreign) == math.inf
-        assert limit(foreign, 2.0) == 2.0
-    assert limit("ckff") is None  # is refused here, at once
+    for near in ("ckf", plugins.Told, "ckff"):  # what is unknown is refused here, at once
+        assert limits(near) is None
+        assert limits(near, 2.0) == (2.0, 2.0, 60.0)
+    for foreign in (PLUGIN + "Told", "solvers.zoo:ckf"):
+        assert limits(foreign) == (10.0, 60.0, 60.0)
+        assert limits(foreign, 2.0) == (2.0, 2.0, 60.0)
+        assert limits(foreign, math.inf) == (math.inf,) * 3
     with hosted("ckf", {}, None) as host:
         assert isinstance(host, Here)
     with hosted(PLUGIN + "OneByOne", {}, math.inf) as host:

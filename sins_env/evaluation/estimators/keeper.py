@@ -1,0 +1,173 @@
+"""Program that starts the processes of solvers, and keeps watch over each.
+
+The starter is a fresh interpreter that knows nothing of an evaluation: no seed, no truth, no open file. It has imported what
+every solver needs, so that a process forked from it starts in milliseconds. For each solver it forks a keeper, and that the
+solver's process. The keeper passes on what the solver prints, tells how it ended, and ends everything that it has started.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import random
+import resource
+import select
+import signal
+import socket
+import sys
+import time
+from contextlib import suppress
+from typing import NoReturn
+
+import numpy as np
+
+from sins_env.evaluation.estimators import offers, serving
+from sins_env.evaluation.estimators.memory import keep_freed_memory
+from sins_env.evaluation.estimators.wire import END, ENDED, STARTED
+
+MOST_OUTPUT = 16_384  #: most bytes of a solver's output that are passed on
+CUT = b"\n(the solver's further output is left out)\n"
+END_S = 5.0  #: longest time in which everything that a solver has started is ended
+_DEATH_SIGNAL, _SUBREAPER, _NO_NEW_PRIVILEGES = 1, 36, 38  # linux/prctl.h
+_PIECE = 4096  # what a pipe that is ready takes at once
+
+
+def main() -> NoReturn:
+    """Fork a keeper for each message on standard input, a socket, which brings its files; end with that socket."""
+    requests = socket.socket(fileno=os.dup(0))
+    _null(0)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _control(_SUBREAPER, 1)
+    offers.own()  # import what most solvers use
+    keep_freed_memory()
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # keepers need no burial
+    requests.sendall(STARTED)
+    _null(2)
+    while True:
+        message, files, _, _ = socket.recv_fds(requests, 1, 4)
+        if not message:
+            _end_children(None)
+            os._exit(0)
+        if os.fork() == 0:
+            requests.detach()
+            _keep(*files)
+        for file in files:
+            os.close(file)
+
+
+def _null(file: int) -> None:
+    os.dup2(os.open(os.devnull, os.O_RDWR), file)
+
+
+def _control(option: int, value: int) -> None:
+    ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
+
+
+def _keep(told: int, data: int, memory: int, errors: int) -> NoReturn:
+    """Keep a solver's process until it ends or the evaluation closes ``told``."""
+    woken, wakes = os.pipe()
+    output, prints = os.pipe()
+    os.set_blocking(wakes, False)
+    signal.set_wakeup_fd(wakes, warn_on_full_buffer=False)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    _control(_SUBREAPER, 1)
+    keeper = os.getpid()
+    pid = os.fork()
+    if pid == 0:
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        _become_solver(keeper, data, memory, prints)
+    for file in (data, memory, prints):
+        os.close(file)
+    with suppress(OSError):
+        os.write(told, END.pack(STARTED, pid))
+    printed = 0
+    while True:
+        ready = select.select([told, output, woken], [], [])[0]
+        if output in ready:
+            printed = _pass_on(os.read(output, 65536), errors, printed)
+        if told in ready:  # the evaluation wants no more, or has ended
+            break
+        if woken in ready:
+            os.read(woken, 4096)
+            status = _buried(pid)
+            if status is not None:
+                with suppress(OSError):
+                    os.write(told, END.pack(ENDED, status))
+                break
+    with suppress(OSError):
+        while select.select([output], [], [], 0)[0] and printed < MOST_OUTPUT and (last := os.read(output, 65536)):
+            printed = _pass_on(last, errors, printed)
+        os.killpg(pid, signal.SIGKILL)
+    _end_children(pid)
+    os._exit(0)
+
+
+def _buried(pid: int) -> int | None:
+    """Bury the dead; return the exit code of ``pid``, or minus the signal that ended it, if it is among them."""
+    found = None
+    with suppress(ChildProcessError):
+        while (dead := os.waitpid(-1, os.WNOHANG))[0]:
+            if dead[0] == pid:
+                found = os.waitstatus_to_exitcode(dead[1])
+    return found
+
+
+def _pass_on(text: bytes, errors: int, printed: int) -> int:
+    """Write output of a solver to standard error, up to MOST_OUTPUT, with control characters made visible."""
+    if printed >= MOST_OUTPUT:
+        return printed
+    kept = text[: MOST_OUTPUT - printed].decode("utf-8", "replace")
+    shown = "".join(c if c.isprintable() or c in "\n\t" else ascii(c)[1:-1] for c in kept)
+    left = shown.encode("utf-8", "replace") + (CUT if printed + len(text) >= MOST_OUTPUT else b"")
+    while left and select.select([], [errors], [], 0)[1]:  # a reader that waits does not hold up the keeper
+        with suppress(OSError):
+            os.write(errors, left[:_PIECE])
+        left = left[_PIECE:]
+    return printed + len(text)
+
+
+def _end_children(pid: int | None) -> None:
+    """End all children of this process, and theirs, who become children of this process when their parent ends."""
+    deadline = time.monotonic() + END_S
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    while time.monotonic() < deadline:
+        with open(f"/proc/self/task/{os.getpid()}/children") as file:
+            children = [int(child) for child in file.read().split()]
+        for child in children or [pid] if pid else children:
+            with suppress(OSError):
+                os.kill(child, signal.SIGKILL)
+        try:
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+        except ChildProcessError:
+            return
+        time.sleep(0.001)
+
+
+def _become_solver(keeper: int, data: int, memory: int, prints: int) -> NoReturn:
+    """Make this process one that a stranger may have: nothing open, its own session, limits; then serve."""
+    _control(_DEATH_SIGNAL, signal.SIGKILL)
+    if os.getppid() != keeper:
+        os._exit(1)
+    _control(_NO_NEW_PRIVILEGES, 1)
+    os.setsid()
+    for file in (1, 2):
+        os.dup2(prints, file)
+    for file in map(int, os.listdir("/proc/self/fd")):
+        if file not in (0, 1, 2, data, memory):
+            with suppress(OSError):
+                os.close(file)
+    sys.stdout = os.fdopen(1, "w", 1, "utf-8", "backslashreplace", closefd=False)
+    sys.stderr = os.fdopen(2, "w", 1, "utf-8", "backslashreplace", closefd=False)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    with suppress(OSError), open("/proc/self/oom_score_adj", "w") as score:
+        score.write("1000")  # the first to end if the machine has no memory left
+    random.seed()
+    np.random.seed()  # noqa: NPY002
+    serving.serve(socket.socket(fileno=data), memory)
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

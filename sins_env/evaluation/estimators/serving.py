@@ -1,0 +1,83 @@
+"""The loop that serves calls in the process of a solver: an object is made there, and its methods are called by name."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import pickle
+import resource
+import socket
+import sys
+import time
+from collections.abc import Callable, Mapping
+from multiprocessing import spawn
+from typing import Any, BinaryIO
+
+from sins_env.evaluation.estimators.guard import EstimatorError, error_of
+from sins_env.evaluation.estimators.wire import ANSWER, BEAT, DONE, FAILED, REFUSED, REQUEST, Answer, cut, tail
+
+BEAT_S = 0.2  #: least time between two beats
+#: Settings of the number of threads of BLAS, which is one.
+THREADS = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "BLIS_NUM_THREADS")}
+
+_beat: Callable[[], None] = lambda: None  # noqa: E731
+
+
+def beat() -> None:
+    """Tell the evaluation, from within a long call, that one call of the solver has ended; elsewhere it does nothing."""
+    _beat()
+
+
+def serve(data: socket.socket, memory: int) -> None:
+    """Answer calls until the evaluation closes the socket.
+
+    A call is the name of a method and its arguments; it returns an :class:`Answer` or None. The first names the class of the
+    object, which is made with the descriptor of the shared memory, and what to take over from the evaluation.
+    """
+    global _beat
+    requests: BinaryIO = data.makefile("rb")
+    process, target, last = os.getpid(), None, 0.0
+    number = 0
+
+    def tell_beat() -> None:
+        nonlocal last
+        if time.monotonic() > last + BEAT_S:
+            last = time.monotonic()
+            data.sendall(ANSWER.pack(number, BEAT, 0, 0, 0))
+
+    _beat = tell_beat
+    while head := requests.read(REQUEST.size):
+        number, size = REQUEST.unpack(head)
+        name, answer, kind = "unpickling", Answer(), DONE
+        try:
+            name, arguments = pickle.loads(requests.read(size))
+            if target is None:
+                target = _begin(memory, *arguments)
+            else:
+                answer = getattr(target, name)(*arguments) or answer
+        except EstimatorError as error:
+            kind, answer = FAILED, Answer(error.raised, str(error), error.text)
+        except ValueError as error:
+            kind, answer = REFUSED, Answer(0, str(error))
+        except BaseException as error:  # Ctrl-C of its own making, too
+            raised = error_of(name, error)
+            kind, answer = FAILED, Answer(raised.raised, str(raised), raised.text)
+        if os.getpid() != process:  # the solver has forked, and here is the other one
+            os._exit(0)
+        first, second = cut(answer.first), tail(answer.second)
+        data.sendall(ANSWER.pack(number, kind, answer.value, len(first), len(second)) + first + second)
+
+
+def _begin(memory: int, target: str, around: Mapping[str, Any]) -> Any:
+    """Take over search path, folder, environment and limits, and return the object whose methods are called."""
+    os.environ.clear()
+    os.environ.update(around["environ"], **THREADS)
+    sys.path[:] = around["path"]
+    os.chdir(around["folder"])
+    importlib.invalidate_caches()
+    if around["bytes"]:
+        resource.setrlimit(resource.RLIMIT_AS, (around["bytes"], around["bytes"]))
+    if around["main"]:
+        spawn.prepare(around["main"])
+    module, _, name = target.partition(":")
+    return getattr(importlib.import_module(module), name)(memory)
