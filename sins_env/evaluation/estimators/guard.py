@@ -54,7 +54,7 @@ def line(error: BaseException) -> str:
         said = " ".join(str(error)[: 2 * MAX_MESSAGE].split())[:MAX_MESSAGE]
     except BaseException as second:
         said = f"(its message raises {type(second).__name__})"
-    return f"{type(error).__name__}: {said}".removesuffix(": ")
+    return f"{type(error).__name__[:MAX_MESSAGE]}: {said}".removesuffix(": ")
 
 
 def _traceback(error: BaseException) -> str:

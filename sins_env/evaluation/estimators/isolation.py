@@ -31,8 +31,8 @@ class Limits(NamedTuple):
     """Longest times of a call, s."""
 
     call_s: float = 10.0
-    first_s: float = 60.0  #: of the first call of each method in a batch, which may compile
-    make_s: float = 60.0  #: of imports and the constructor
+    first_s: float = 60.0  #: first call of each method in a batch, which may compile
+    make_s: float = 60.0  #: imports and constructor together
 
 
 def check_timeout(seconds: float | None) -> None:

@@ -22,7 +22,7 @@ ANSWER = struct.Struct("<IBqHH")  #: number of the call, kind, value, and the le
 END = struct.Struct("<ci")  #: what the keeper of a process tells: STARTED with its number, or ENDED with its status
 STARTED, ENDED = b"s", b"e"
 DONE, FAILED, REFUSED, BEAT = range(4)  #: kinds of an answer; a beat tells that the call goes on
-MAX_TEXT = 4096  #: most bytes of a text; more is cut
+MAX_TEXT = 4000  #: most bytes of a text; more is cut
 
 #: Name, dtype and shape of an array in shared memory.
 Layout = Sequence[tuple[str, str, tuple[int, ...]]]

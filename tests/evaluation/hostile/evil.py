@@ -238,7 +238,7 @@ class Allocates(Honest):
     def evil(self, obs):
         kept = []
         while True:
-            kept.append(np.ones(10**7))
+            kept.append(np.empty(10**8))
 
 
 class RaisesItsLimit(Honest):
@@ -476,7 +476,7 @@ class Collector(Honest):
     def step(self, obs):
         for one in gc.get_objects():
             kind = type(one)
-            if kind.__module__.startswith("sins_env") and kind.__name__ in ("Episode", "Job", "Store"):
+            if str(kind.__module__).startswith("sins_env") and kind.__name__ in ("Episode", "Job", "Store"):
                 raise RuntimeError(f"found {kind}")
         return self.q.copy()
 
