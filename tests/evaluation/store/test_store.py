@@ -367,9 +367,11 @@ def test_a_full_disk_takes_nothing_back(tmp_path, results, key):
     with Store(tmp_path / "r.sqlite") as db:
         ((pages,),) = db.connection.execute("PRAGMA page_count").fetchall()
         db.connection.execute(f"PRAGMA max_page_count = {pages}")
+        others = [dataclasses.replace(key, solver=f"other{i}") for i in range(20)]
         with pytest.raises(StoreError, match="the disk is full; free some space, and --resume continues"):
-            db.add(key, results.records)
-        assert db.runs_of(key) == set()
+            for last in others:
+                db.add(last, results.records)
+        assert db.runs_of(last) == set()
         db.connection.execute("PRAGMA max_page_count = 1000")
         db.add(key, results.records)
         assert db.runs_of(key) == {0, 1, 2, 3}
