@@ -368,10 +368,16 @@ def test_a_full_disk_takes_nothing_back(tmp_path, results, key):
         ((pages,),) = db.connection.execute("PRAGMA page_count").fetchall()
         db.connection.execute(f"PRAGMA max_page_count = {pages}")
         others = [dataclasses.replace(key, solver=f"other{i}") for i in range(20)]
+        asked = []
+
+        def add_all():
+            for one in others:
+                asked.append(one)
+                db.add(one, results.records)
+
         with pytest.raises(StoreError, match="the disk is full; free some space, and --resume continues"):
-            for last in others:
-                db.add(last, results.records)
-        assert db.runs_of(last) == set()
+            add_all()
+        assert db.runs_of(asked[-1]) == set()
         db.connection.execute("PRAGMA max_page_count = 1000")
         db.add(key, results.records)
         assert db.runs_of(key) == {0, 1, 2, 3}
