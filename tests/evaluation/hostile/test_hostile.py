@@ -248,7 +248,7 @@ def test_a_prefix_runs_the_interpreter_of_solvers(monkeypatch, honest):
     monkeypatch.setenv("SINS_ENV_SOLVER_PREFIX", "env SEEN=1")
     np.testing.assert_array_equal(play("Honest").history, honest.history)
     monkeypatch.setenv("SINS_ENV_SOLVER_PREFIX", "false")
-    with pytest.raises(RuntimeError, match="SINS_ENV_SOLVER_PREFIX='false' does not run it"):
+    with pytest.raises(RuntimeError, match="SINS_ENV_SOLVER_PREFIX='false' does not run /"):
         play("Honest")
 
 
