@@ -30,7 +30,7 @@ types: $(STAMP)
 tests: test
 
 fuzz: $(STAMP)  ## N inputs of strangers, of all kinds, on all cores: a table, and the inputs that fail as code
-	cd tests && ../$(BIN)/python -m fuzz $(N)
+	PYTHONPATH=tests $(BIN)/python -m fuzz $(N)
 
 bench: $(STAMP)  ## speed of the whole chain, and of the filters beside those of other packages (in .venv-peers)
 	$(BIN)/sins-env bench

@@ -19,6 +19,9 @@ import numpy as np
 T = TypeVar("T")
 
 MOST_NAME, MOST_NAMES = 60, 100  #: most characters of a name, and names, that an error lists
+MOST_NUMBERS = 10_000  #: most numbers of a list
+MOST_WHOLE = 1e15  #: largest whole number, which fits into 64 bits and into a float
+LARGEST = 1e100  #: largest finite number that any setting may be; its square and its cube are finite
 MOST_SHOWN = 200  #: most characters of an error that repeat what was given
 
 
@@ -112,6 +115,8 @@ def number(
 ) -> float:
     """Check a number within limits, finite unless ``infinite``; neither a bool nor a string that looks like a number.
 
+    A number beyond ``LARGEST`` is refused whatever the limits are.
+
     Raises:
         ValueError: anything else; ``allowed`` replaces the text that the limits make.
     """
@@ -125,6 +130,10 @@ def number(
         return value
     if not (math.isfinite(value) and least <= value <= most and above < value < below):
         raise refused(name, given, allowed or _within(least, above, most, below, infinite))
+    if abs(value) > LARGEST:
+        raise refused(
+            name, given, f"{allowed or _within(least, above, most, below, infinite)}, at most {LARGEST:g} in size"
+        )
     return value
 
 
@@ -136,13 +145,13 @@ def _within(least: float, above: float, most: float, below: float, infinite: boo
     return f"{noun} {bounds}".rstrip() + (", or inf" if infinite else "")
 
 
-def whole(name: str, given: Any, allowed: str | None = None, *, least: int, most: float = math.inf) -> int:
+def whole(name: str, given: Any, allowed: str | None = None, *, least: int, most: float = MOST_WHOLE) -> int:
     """Check a whole number; ``30.0`` is one, too.
 
     Raises:
         ValueError: a number with a fraction, one below ``least`` or above ``most``, or no number.
     """
-    allowed = allowed or f"a whole number >= {least}{f' and <= {most:g}' if math.isfinite(most) else ''}"
+    allowed = allowed or f"a whole number >= {least}{f' and <= {most:g}' if most < MOST_WHOLE else ''}"
     value = number(name, given, allowed, least=least, most=most)
     if value % 1:
         raise refused(name, given, allowed)
@@ -159,13 +168,13 @@ def numbers(
     above: float = -math.inf,
     most: float = math.inf,
 ) -> tuple[float, ...]:
-    """Check a list, tuple or array of ``count`` finite numbers; None takes any number of them but zero.
+    """Check a list, tuple or array of ``count`` finite numbers; None takes any number of them from 1 to ``MOST_NUMBERS``.
 
     Raises:
         ValueError: another count, a number out of range, or anything else.
     """
     values = items(given)
-    if not values or len(values) != (count or len(values)):
+    if not values or len(values) != (count or min(len(values), MOST_NUMBERS)):
         raise refused(name, given, allowed)
     try:
         return tuple(number(name, value, least=least, above=above, most=most) for value in values)

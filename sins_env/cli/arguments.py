@@ -12,7 +12,18 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NoReturn
 
+from sins_env.reading.documents import parse_json
+
 SEEDS = "allowed: a whole number that is not negative"
+
+
+MOST_WORD, MOST_WORDS = 100, 10  #: most characters of a word, and words, that an error repeats
+MOST_DIGITS = 300  #: most digits of a whole number
+
+
+def cut(word: str) -> str:
+    """Return a word for an error; what is longer than ``MOST_WORD`` characters is cut."""
+    return word if len(word) <= MOST_WORD else f"{word[:MOST_WORD]}..."
 
 
 class WrongUse(Exception):
@@ -26,16 +37,17 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise :class:`WrongUse` instead of ending the process."""
-        raise WrongUse(f"{message} (see {self.prog} --help)")
+        raise WrongUse(f"{' '.join(map(cut, message.split(' ')))} (see {self.prog} --help)")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         """Refuse unknown options in the parser of the verb; argparse would leave them to the parser of all verbs."""
         known, unknown = super().parse_known_args(args, namespace)
         if unknown:
             options = [name for action in self._actions for name in action.option_strings]
-            near = difflib.get_close_matches(unknown[0].partition("=")[0], options, n=1)
+            near = difflib.get_close_matches(cut(unknown[0].partition("=")[0]), options, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
-            self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
+            words = [cut(word) for word in unknown[:MOST_WORDS]] + ["..."] * (len(unknown) > MOST_WORDS)
+            self.error(f"unrecognized arguments: {' '.join(words)}{hint}")
         return known, unknown
 
 
@@ -43,24 +55,28 @@ def setting(text: str) -> tuple[str, Any]:
     """Return the name and the value of NAME=VALUE; a value that is not JSON is text."""
     name, equals, value = text.partition("=")
     if not (name and equals):
-        raise argparse.ArgumentTypeError(f"{text!r}; allowed: NAME=VALUE")
+        raise argparse.ArgumentTypeError(f"{cut(text)!r}; allowed: NAME=VALUE")
     try:
-        return name, json.loads(value)
+        return name, parse_json(value)
     except json.JSONDecodeError:
         return name, value
+    except ValueError as error:  # JSON beyond the limits
+        raise argparse.ArgumentTypeError(f"{cut(text)!r}: {error}") from None
 
 
 def count(text: str) -> int:
     """Return a whole number of at least 1."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}; allowed: a whole number, at least 1")
-    return int(text)
+    return _whole(text, 1, "a whole number, at least 1")
 
 
 def number(text: str) -> int:
     """Return a whole number that is not negative."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r}; allowed: a whole number that is not negative")
+    return _whole(text, 0, "a whole number that is not negative")
+
+
+def _whole(text: str, least: int, allowed: str) -> int:
+    if not text.isdecimal() or len(text) > MOST_DIGITS or int(text) < least:
+        raise argparse.ArgumentTypeError(f"{cut(text)!r}; allowed: {allowed}")
     return int(text)
 
 
@@ -71,8 +87,10 @@ def seed(text: str) -> int:
     """
     if text == "-":
         text = (getpass.getpass("suite seed: ") if sys.stdin.isatty() else sys.stdin.readline()).strip()
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{SEEDS}, or - to read it from standard input")
+    if not text.isdecimal() or len(text) > MOST_DIGITS:
+        raise argparse.ArgumentTypeError(
+            f"{SEEDS}, of at most {MOST_DIGITS} digits, or - to read it from standard input"
+        )
     return int(text)
 
 
@@ -83,7 +101,7 @@ def positive(text: str) -> float:
     except ValueError:
         value = 0.0
     if not (value > 0 and math.isfinite(value)):
-        raise argparse.ArgumentTypeError(f"{text!r}; allowed: a positive number")
+        raise argparse.ArgumentTypeError(f"{cut(text)!r}; allowed: a positive number")
     return value
 
 

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sins_env.arrays import Array
+from sins_env.checks import keep, number
 from solvers.filters.brief import changed
 from solvers.filters.kalman.kf import KF
 from solvers.filters.sigma.ckf import CKF
@@ -62,8 +63,7 @@ class TwoPassFilter:
     batched = True
 
     def __post_init__(self) -> None:
-        if not self.relinearise_s > 0:
-            raise ValueError(f"relinearise_s = {self.relinearise_s!r}; allowed: a positive number of seconds")
+        keep(self, "relinearise_s", number, "a positive number of seconds", above=0.0, infinite=True)
 
     def init(self, prior: Gaussian, rng: Any) -> TwoPassBelief:
         return TwoPassBelief(self.first.init(prior, rng), None, prior, ())

@@ -139,7 +139,7 @@ def main(arguments: list[str]) -> int:
             print(f"\n# {name}: {count} x {cause}\n#   {message[:400]!r}")
             print(f"kinds.go({name!r}, {example[:1500]})")
     if everything.causes:
-        print("\n# In tests/: from fuzz import kinds; import math; import numpy as np")
+        print("\n# PYTHONPATH=tests; from fuzz import kinds; import math; import numpy as np")
     return 1 if everything.causes else 0
 
 

@@ -28,5 +28,6 @@ def nees(errors: Array, covariance: Array) -> Array:
     values, vectors = np.linalg.eigh(0.5 * (P + np.swapaxes(P, -1, -2)))
     valid = finite & (values[:, 0] > 0)
     across = np.matmul((errors / scale)[:, None, :], vectors)[:, 0, :]
-    ratio = np.square(across) / np.where(valid[:, None], values, 1.0)
+    with np.errstate(over="ignore"):  # errors beside no spread at all: inf
+        ratio = np.square(across) / np.where(valid[:, None], values, 1.0)
     return np.where(valid, ratio.sum(axis=1), np.inf)

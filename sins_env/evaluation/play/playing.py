@@ -157,7 +157,7 @@ class _Block:
         count, self.length = self.length, 0
         errors, failed = self.errors[:, :count], self.failed[:, :count]
         if count and self.criteria.navigates and self.criteria.scored:
-            q = np.where(failed[..., None], [1.0, 0.0, 0.0, 0.0], self.q_nb[:, :count])
+            q = np.where(failed[..., None], [1.0, 0.0, 0.0, 0.0], _squarable(self.q_nb[:, :count]))
             errors[..., SCORED["euler"]] = euler_errors(q, errors[..., PHI])
             errors[failed] = self.criteria.worst
         if count:
@@ -165,9 +165,16 @@ class _Block:
         return count
 
 
+def _squarable(q: Array) -> Array:
+    """Return quaternions (..., 4), those of an estimator, scaled if squares of their elements would leave the range."""
+    size = np.max(np.abs(q), axis=-1, keepdims=True)
+    far = np.isfinite(size) & ((size > 1e100) | (size < 1e-100)) & (size > 0)
+    return q / np.where(far, size, 1.0)
+
+
 def _heading(action: Array) -> Array:
     """Return the headings (R,) of the last actions, rad; NaN for an action without an attitude."""
-    q = np.where(failed_epochs(action)[:, None], np.nan, action[:, :4])
+    q = np.where(failed_epochs(action)[:, None], np.nan, _squarable(action[:, :4]))
     return attitude.to_euler(attitude.to_dcm(attitude.normalize(q)))[0]
 
 

@@ -68,7 +68,7 @@ class AugmentedAUKF(WindowedFilter):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        keep(self, "M", whole, least=2)
+        keep(self, "M", whole, least=2, most=100_000)
         keep(self, "unbiased", flag)
 
     @property

@@ -97,7 +97,7 @@ class WindowAUKF(WindowedFilter):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        keep(self, "m", whole, least=2)
+        keep(self, "m", whole, least=2, most=100_000)
         keep(self, "b", number, above=0.0, most=1.0)
 
     @property

@@ -60,7 +60,7 @@ class IEKF(GaussianFilter[Predicted]):
     smooth: bool = True  #: whether the tangent of the last transition is taken again too
 
     def __post_init__(self) -> None:
-        keep(self, "iterations", whole, least=1)
+        keep(self, "iterations", whole, least=1, most=1000)
         keep(self, "tolerance", number, least=0.0)
         keep(self, "smooth", flag)
 

@@ -84,7 +84,7 @@ class ASMUGSF(GaussianFilter[Adaptive]):
 
     def __post_init__(self) -> None:
         _ = self.rule  # checks its settings
-        keep(self, "components", whole, least=1)
+        keep(self, "components", whole, least=1, most=1000)
         keep(self, "omega", number, least=0.0, below=1.0)
         keep(self, "adapt", flag)
         keep(self, "b", number, above=0.0, most=1.0)

@@ -67,7 +67,7 @@ class GSFEKF(MixtureFilter[Bank]):
 
     def __post_init__(self) -> None:
         keep(self, "spacing_deg", number, above=0.0, most=360.0)
-        keep(self, "components", whole, least=3)
+        keep(self, "components", whole, least=3, most=1000)
         keep(self, "prune", number, least=0.0, below=0.01)
         keep(self, "merge_within", number, least=0.0)
         keep(self, "estimate_by", choice, ESTIMATES)

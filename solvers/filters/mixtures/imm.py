@@ -35,6 +35,8 @@ from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Gaussian, Measurement, Transition
 
+MOST_MODELS = 100
+
 
 @dataclass(frozen=True)
 class _IMM(MixtureFilter[Mixture]):
@@ -53,6 +55,10 @@ class _IMM(MixtureFilter[Mixture]):
     def __post_init__(self) -> None:
         keep(self, "q_factors", numbers, None, "finite numbers > 0, at least one", above=0.0)
         keep(self, "r_factors", numbers, None, "finite numbers > 0, at least one", above=0.0)
+        if len(self.models) > MOST_MODELS:
+            raise refused(
+                "q_factors", self.q_factors, f"at most {MOST_MODELS} models, pairs of q_factors and r_factors"
+            )
         keep(self, "stay", number, above=0.0, most=1.0)
         if self.transition is not None:
             keep(self, "transition", _stochastic, len(self.models))

@@ -111,6 +111,9 @@ def draw(
     return x
 
 
+MOST_PARTICLES = 1_000_000  #: largest number of particles of a run
+
+
 def particle_count(name: str, given: Any, matching: str) -> int:
     """Check a number of particles: a whole number >= 2, which is even if particles come in pairs.
 
@@ -118,8 +121,8 @@ def particle_count(name: str, given: Any, matching: str) -> int:
         ValueError: any other value.
     """
     pairs = matching == "pairs"
-    allowed = f"{'an even' if pairs else 'a'} whole number >= 2 with matching = {matching!r}"
-    value = whole(name, given, allowed, least=2)
+    allowed = f"{'an even' if pairs else 'a'} whole number >= 2 with matching = {matching!r}, at most {MOST_PARTICLES}"
+    value = whole(name, given, allowed, least=2, most=MOST_PARTICLES)
     if pairs and value % 2:
         raise refused(name, given, allowed)
     return value

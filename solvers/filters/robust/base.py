@@ -53,7 +53,7 @@ class RobustFilter(GaussianFilter[RobustBelief]):
     root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
 
     def __post_init__(self) -> None:
-        keep(self, "rounds", whole, least=1)
+        keep(self, "rounds", whole, least=1, most=1000)
         keep(self, "gate", number, least=0.5, most=1.0)
         keep(self, "patience", whole, least=1)
         _ = self.rule, self.weigh  # check the settings
