@@ -8,14 +8,12 @@ from __future__ import annotations
 import math
 
 from sins_env.arrays import Array
-from sins_env.kernels.compiling import helper
-from sins_env.kernels.trigonometry import sincos
+from sins_env.kernels.compiling import helper, reduction
+from sins_env.kernels.trigonometry import NEAR, cosine_series, sincos, sine_excess
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Matrix = tuple[float, float, float, float, float, float, float, float, float]
-
-TINY = 1e-300  #: added to a divisor, which keeps a rotation by zero from being 0 / 0 and changes no other
 
 
 @helper
@@ -159,9 +157,13 @@ def normalize(q: Quaternion) -> Quaternion:
 @helper
 def from_rotvec(r: Vector) -> Quaternion:
     """Return the quaternion of a rotation vector, rad."""
-    angle = math.sqrt(dot(r, r))
-    s, c = sincos(0.5 * angle)
-    k = s / (angle + TINY)
+    z = 0.25 * dot(r, r)
+    if z < NEAR:
+        c, k = cosine_series(z), 0.5 + 0.5 * sine_excess(z)
+    else:
+        half = math.sqrt(z)
+        s, c = sincos(half)
+        k = 0.5 * s / half
     return c, k * r[0], k * r[1], k * r[2]
 
 
@@ -238,10 +240,10 @@ def correction(phi: Vector) -> Quaternion:
     return cz * cxcy - sz * sxsy, cz * sxcy - sz * cxsy, cz * cxsy + sz * sxcy, cz * sxsy + sz * cxcy
 
 
-@helper
-def dot_rows(A: Array, i: int, j: int, count: int) -> float:
-    """Return the product of the first ``count`` numbers of rows i and j of a matrix."""
+@reduction
+def inner(a: Array, b: Array, count: int) -> float:
+    """Return the inner product of the first ``count`` numbers of two contiguous rows."""
     total = 0.0
-    for k in range(count):
-        total += A[i, k] * A[j, k]
+    for i in range(count):
+        total += a[i] * b[i]
     return total

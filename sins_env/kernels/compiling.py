@@ -9,7 +9,8 @@ A kernel is called as ``cross(a, b)``; NumPy broadcasts the batch axes and check
 A function that kernels share is a :func:`helper`: an ordinary Python function that is inlined where a kernel calls it.
 How to write, test and time one: docs/kernels.md.
 
-No flag allows the compiler to reorder sums or to fuse products. A run therefore has the same bits alone and in any batch.
+The compiler may not fuse products, and it may reorder the sums of a :func:`reduction` alone. A run has the same bits alone and
+in any batch.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ OFF = "NUMBA_DISABLE_JIT"  #: with this environment variable set to 1, Python ru
 FOLDER = "NUMBA_CACHE_DIR"  #: environment variable with the folder of compiled code; the default is in the user's cache
 _helpers: dict[types.FunctionType, Any] = {}  #: every helper, with its compiled form as soon as there is one
 #: How helpers are compiled; numbers divide as in NumPy.
+_reordered: set[Any] = set()  #: the helpers with sums in any order
 _OPTIONS: Any = {"nopython": True, "error_model": "numpy", "forceinline": True}
 _DTYPES = {"d": "float64", "q": "int64", "?": "boolean"}
 
@@ -49,6 +51,15 @@ def helper(body: F) -> F:
     """Mark a function that kernels call; it is inlined into them, and stays an ordinary function for Python."""
     _helpers[body] = None  # type: ignore[index]
     return body
+
+
+def reduction(body: F) -> F:
+    """Mark a helper with a long sum over a run, whose order the compiler may choose: vector code needs several part sums.
+
+    The order follows from the number of terms, so that the bits of a run are still the same in any batch.
+    """
+    _reordered.add(body)
+    return helper(body)
 
 
 def kernel(layout: str, dtypes: str = "") -> Callable[[Callable[..., None]], Kernel]:
@@ -213,7 +224,8 @@ def _inlined(function: Any) -> Any:
     import numba  # slow to import, needed by the first call of a kernel
 
     if _helpers[function] is None:
-        _helpers[function] = numba.jit(**_OPTIONS)(_for_numba(function))
+        order: Any = {"fastmath": {"reassoc"}} if function in _reordered else {}
+        _helpers[function] = numba.jit(**_OPTIONS, **order)(_for_numba(function))
     return _helpers[function]
 
 

@@ -94,11 +94,11 @@ def _posterior(
         for i in range(m):
             led += W[i, j] * e[i]
         mean[j] = x[j] + led
-        for k in range(n):
+        for k in range(j + 1):
             known = 0.0
             for i in range(m):
                 known += W[i, j] * W[i, k]
-            cov[j, k] = P[j, k] - known
+            cov[j, k] = cov[k, j] = P[j, k] - known
 
 
 def posterior_cov(prior: Gaussian, predicted: Moments, K: Array) -> Array:

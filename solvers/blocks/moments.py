@@ -16,6 +16,7 @@ import numpy as np
 from sins_env.arrays import Array, Mask
 from sins_env.checks import choice, keep
 from sins_env.kernels import helper, kernel
+from sins_env.kernels.algebra import inner
 from solvers.blocks.sigma_rules import PointRule, Points, points
 from solvers.blocks.square_root import ROOTS
 from solvers.types import Function, Gaussian, Linear, Moments
@@ -54,28 +55,22 @@ def linear_moments(g: Linear, x: Gaussian) -> Moments:
 def through(F: Array, x: Array, P: Array, mean: Array, cov: Array, cross: Array) -> None:
     """Fill in F x, F P F' and P F' for F (m, n), x (n) and P (n, n)."""
     m, n = F.shape
-    rows, wide = np.empty((m, n)), np.empty((n, n))  # contiguous
     for j in range(m):
         total = 0.0
         for k in range(n):
-            rows[j, k] = F[j, k]
             total += F[j, k] * x[k]
         mean[j] = total
-    for i in range(n):
-        for k in range(n):
-            wide[i, k] = P[i, k]
-    product = np.empty((m, n))  # F P
     for i in range(n):
         for j in range(m):
             total = 0.0
             for k in range(n):
-                total += wide[i, k] * rows[j, k]
-            product[j, i] = cross[i, j] = total
+                total += P[i, k] * F[j, k]
+            cross[i, j] = total
     for i in range(m):
         for j in range(i + 1):
             total = 0.0
             for k in range(n):
-                total += rows[i, k] * product[j, k]
+                total += F[i, k] * cross[k, j]
             cov[i, j] = cov[j, i] = total
 
 
@@ -153,13 +148,13 @@ def _weigh(y: Array, wm: Array, wc: Array, centre: bool, total: float, pull: flo
     first = 1 if centre else 0
     outer = points - first
     spread, weighted = np.empty((m, outer)), np.empty(outer)
+    for i in range(outer):
+        weighted[i] = wm[first + i]
+        for j in range(m):
+            spread[j, i] = y[first + i, j] - (y[0, j] if centre else 0.0)
     for j in range(m):
-        origin = y[0, j] if centre else 0.0
-        e = 0.0
-        for i in range(outer):
-            spread[j, i] = y[first + i, j] - origin
-            e += wm[first + i] * spread[j, i]
-        mean[j] = e  # without the origin
+        e = inner(spread[j], weighted, outer)
+        mean[j] = e  # without the centre
         shift = e / total if centre else e
         for i in range(outer):
             spread[j, i] -= shift
@@ -167,9 +162,7 @@ def _weigh(y: Array, wm: Array, wc: Array, centre: bool, total: float, pull: flo
         for i in range(outer):
             weighted[i] = wc[first + i] * spread[j, i]
         for k in range(j + 1):
-            product = 0.0
-            for i in range(outer):
-                product += weighted[i] * spread[k, i]
+            product = inner(spread[k], weighted, outer)
             cov[j, k] = cov[k, j] = product + (pull * mean[j] * mean[k] if centre else 0.0)
     if centre:
         for j in range(m):

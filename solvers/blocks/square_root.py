@@ -13,7 +13,6 @@ import numpy as np
 
 from sins_env.arrays import Array, Mask
 from sins_env.kernels import kernel
-from sins_env.kernels.algebra import dot_rows
 
 Root = Callable[[Array], tuple[Array, Mask | None]]  #: from P (..., n, n) to a root, and which items were repaired
 
@@ -64,20 +63,25 @@ def factor(P: Array, S: Array, bad: Mask) -> None:
 
     Only the lower triangle of P is read. The factor of a bad item has no meaning.
     """
+    n = len(P)
+    inverse = np.empty(n)  # of the pivots
     S[:] = 0.0
-    bad[0] = False
-    for i in range(len(P)):
-        for j in range(i + 1):
-            if not abs(P[i, j]) < math.inf:
-                bad[0] = True
-                return
+    bad[0] = True
+    for i in range(n):
+        pivot = P[i, i]
         for j in range(i):
-            S[i, j] = (P[i, j] - dot_rows(S, i, j, j)) / S[j, j]
-        pivot = P[i, i] - dot_rows(S, i, i, i)
-        if not pivot > 0.0:
-            bad[0] = True
+            if not abs(P[i, j]) < math.inf:
+                return
+            total = P[i, j]
+            for k in range(j):
+                total -= S[i, k] * S[j, k]
+            S[i, j] = total * inverse[j]
+            pivot -= S[i, j] * S[i, j]
+        if not 0.0 < pivot < math.inf:
             return
         S[i, i] = math.sqrt(pivot)
+        inverse[i] = 1.0 / S[i, i]
+    bad[0] = False
 
 
 def svd_root(P: Array) -> tuple[Array, Mask | None]:

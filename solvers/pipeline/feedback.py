@@ -97,8 +97,10 @@ def reset_maps(x_hat: Array, phi: slice, fed: slice) -> tuple[Function, Function
     def like(x: Array) -> Array:
         return x_hat[..., None, :] if x.ndim > x_hat.ndim else x_hat
 
+    first, end, _ = fed.indices(x_hat.shape[-1])
+
     def g(x: Array) -> Array:
-        moved: Array = _moved(x, like(x), phi.start, fed.start, fed.stop)
+        moved: Array = _moved(x, like(x), phi.start, first, end)
         return moved
 
     def jacobian(x: Array) -> Array:

@@ -122,11 +122,14 @@ def interval(dtheta: Array, dvel: Array, last: Array, kappa: Array, start: int, 
         angle, speed = row(dtheta, j), row(dvel, j)
         theta, vel = add(theta, angle), add(vel, speed)
         window = end - len(kappa)
-        for i in range(window, j):
-            k = kappa[i - window, j - window]
-            before, slower = sample(dtheta, dvel, last, i)
-            coning = add(coning, scale(k, cross3(before, angle)))
-            sculling = add(sculling, scale(k, add(cross3(before, speed), cross3(slower, angle))))
+        if j > window:
+            before, slower = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+            for i in range(window, j):
+                k = kappa[i - window, j - window]
+                earlier, slow = sample(dtheta, dvel, last, i)
+                before, slower = add(before, scale(k, earlier)), add(slower, scale(k, slow))
+            coning = add(coning, cross3(before, angle))
+            sculling = add(sculling, add(cross3(before, speed), cross3(slower, angle)))
     x2 = dot(theta, theta)
     a = 0.5 - x2 * (1 / 24 - x2 * (1 / 720 - x2 / 40320))  # (1 - cos x) / x^2
     b = 1 / 6 - x2 * (1 / 120 - x2 * (1 / 5040 - x2 / 362880))  # (1 - sin x / x) / x^2
