@@ -71,6 +71,14 @@ def start(row):
     play(state, round(told.coarse_s / told.epoch_s) + 5)
     return state
 
+def made(name):
+    "A function of this program: entry points of an installed package would be those of another revision."
+    def solver(**settings):
+        return solvers.make(name, **settings)
+    solver.__qualname__ = solver.__name__ = name
+    globals()[name] = solver
+    return solver
+
 def play(state, epochs):
     env, solver, obs, left = state
     spent = 0.0
@@ -88,7 +96,7 @@ for line in sys.stdin:
     if row["part"] == "eval":
         before = time.process_time()
         for name in row["solver"].split():
-            evaluate(row["task"], name, epochs, workers=1, cost=False)
+            evaluate(row["task"], made(name), epochs, workers=1, cost=False)
         print((time.process_time() - before) / epochs, flush=True)
         continue
     if key != row or state[3] < epochs:
