@@ -67,7 +67,9 @@ class _Starter:
         atexit.register(self.close)
         self._socket.settimeout(START_S)
         if self._socket.recv(1) != wire.STARTED:
-            raise RuntimeError(f"{PREFIX}={self.prefix!r} does not run {sys.executable}" if self.prefix else CANNOT_START)
+            raise RuntimeError(
+                f"{PREFIX}={self.prefix!r} does not run {sys.executable}" if self.prefix else CANNOT_START
+            )
 
     @property
     def usable(self) -> bool:

@@ -130,5 +130,5 @@ class MPFEKF(MPF):
 
 SAME_AS = {
     "mpf": (),  # it has no prior covariance
-    "mpf_ekf": (Relation("ekf", {"weight": math.inf}),),
+    "mpf_ekf": (Relation("ekf", {"weight": math.inf}, within=1e-10),),
 }
