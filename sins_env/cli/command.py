@@ -19,7 +19,7 @@ from sins_env.writing.plain import fit
 from sins_env.writing.visible import LAYOUT, visible
 
 
-class _Console(Console):
+class ShownConsole(Console):
     """Console on which no text steers the terminal, wherever it comes from: only the console's own styles do."""
 
     def on_broken_pipe(self) -> None:
@@ -69,7 +69,7 @@ def _run(arguments: list[str]) -> int:
         go = getattr(importlib.import_module(f"sins_env.cli.{module}"), name)  # what help and other verbs do without
         memory = importlib.import_module("sins_env.evaluation.estimators.memory")  # brings the whole evaluation along
     memory.keep_freed_memory()
-    return int(go(given, _Console(soft_wrap=not sys.stdout.isatty() and "COLUMNS" not in os.environ)))
+    return int(go(given, ShownConsole(soft_wrap=not sys.stdout.isatty() and "COLUMNS" not in os.environ)))
 
 
 def _said(message: str, code: int) -> int:

@@ -18,8 +18,8 @@ MOST_SAID = 4096  #: most characters of a message on standard error
 
 
 def remark(text: str) -> None:
-    """Print a remark on standard error; what does not print is shown as an escape."""
-    print(visible(text, keep=LAYOUT), file=sys.stderr)
+    """Print a remark on standard error as one line; what does not print is shown as an escape."""
+    print(visible(text, keep="\xa0"), file=sys.stderr)
 
 
 def say(message: str) -> None:

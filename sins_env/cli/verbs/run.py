@@ -58,7 +58,8 @@ def run(given: Namespace, console: Console) -> int:
             raise RunFailed(f"{given.solver} on {task.name}, run {given.run}: {error}") from error
     records = course.records
     if records.status[0] == "raised" and given.traceback:
-        remark(records.traceback[0].rstrip())
+        for line in records.traceback[0].rstrip().split("\n"):
+            remark(line)
     if given.plot:
         save_figure(run_figure.run_figure(task, given.solver, course), given.plot)
     if not records.unfinished[0]:

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import re
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
 from sins_env.evaluation.play.divergence import STATUSES
+from sins_env.evaluation.play.fields import Field
 from sins_env.evaluation.store import rows
 from sins_env.evaluation.store.key import settings_hash
-from sins_env.evaluation.store.schema import KEY, SCHEMA, SCORES, SPANS, TOLD, columns_of
+from sins_env.evaluation.store.schema import KEY, SCHEMA, SCORES, SPANS, TOLD
 
 MOST_BYTES = 16_000_000  #: largest row of a table, bytes; SQLite refuses to read a larger one
 MOST_NAME = 500  #: most characters of a name
@@ -38,11 +39,22 @@ _NAME = _Rule(f"typeof({{0}}) <> 'text' OR length({{0}}) NOT BETWEEN 1 AND {MOST
 _TEXT = _Rule("typeof({0}) <> 'text'", "text")
 _OPTIONAL = _Rule("typeof({0}) NOT IN ('text', 'null')", "text, or NULL")
 _COUNT = _Rule("typeof({0}) <> 'integer' OR {0} < 0", "a whole number that is not negative")
-_NUMBER = _Rule("{0} >= ''", "a number, or NULL if it is unknown")  # SQLite orders numbers before text and blobs
+#: Numbers of a field by unit. SQLite orders numbers before text and blobs, so that one comparison tells both.
+_OF_UNIT = {
+    "rad": _Rule("{0} NOT BETWEEN -100 AND 100", "an angle in rad, or NULL if it is unknown"),
+    **dict.fromkeys(("s", ""), _Rule("{0} NOT BETWEEN 0 AND 9e999", "a number >= 0, or NULL if it is unknown")),
+    **dict.fromkeys(("m", "m/s"), _Rule("{0} >= ''", "a number, or NULL if it is unknown")),
+}
 _TIME = _Rule("typeof({0}) <> 'real' OR {0} < 0", "a number that is not negative")
 _RATIO = _Rule("{0} >= '' OR {0} < 0", "a number that is not negative, or NULL")
 _STATUS = _Rule(f"{{0}} IS NULL OR {{0}} NOT IN {STATUSES!r}", f"one of {', '.join(STATUSES)}")
 _TOLD = {"word": _STATUS, "count": _COUNT, "text": _TEXT}
+
+
+def _numbers(fields: Sequence[Field]) -> dict[str, _Rule]:
+    """Return the rules of numbers, by column."""
+    return {name: _OF_UNIT[unit] for one in fields for name, unit in zip(one.columns, one.units, strict=True)}
+
 
 _NAMES = [name for name in KEY if name != "run"]
 #: The combinations of names, each with its first row; the index of the table has them, so that no row is read.
@@ -66,10 +78,10 @@ _RULES: list[tuple[str, str, dict[str, _Rule]]] = [
         {
             "run": _COUNT,
             **{name: _TOLD[one.kind].but(one.usual) for one in TOLD for name in one.columns},
-            **dict.fromkeys(columns_of(SCORES), _NUMBER),
+            **_numbers(SCORES),
         },
     ),
-    ("spans", "spans", dict.fromkeys(columns_of(SPANS), _NUMBER)),
+    ("spans", "spans", _numbers(SPANS)),
 ]
 
 
@@ -122,6 +134,8 @@ def inspect(db: sqlite3.Connection) -> None:
             )
     for table, source, rules in _RULES:
         _inspect_values(db, table, source, rules)
+    for _ in db.execute(f"SELECT * FROM {_COMBINED}"):
+        pass  # which fails where a name is not UTF-8
     _inspect_settings(db)
     _inspect_tasks(db)
     for row, versions in db.execute("SELECT rowid, versions FROM sessions"):
