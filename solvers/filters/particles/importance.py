@@ -12,12 +12,75 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env.arrays import Array, Mask
-from solvers.blocks.conditioning import inverse_lower
-from solvers.blocks.square_root import cholesky
+from sins_env.kernels import helper, kernel
+from solvers.blocks.conditioning import inverse_lower, reciprocal
+from solvers.blocks.square_root import cholesky, either
 from solvers.types import Function, Gaussian, Linear, Moments, NoiseLaw
 
 LIKELIHOODS = ("told", "gaussian")
+LANES = 64  #: particles that a kernel handles at a time, as planes that stay in the cache: the length of their rows
 TEMPORARIES = 16  #: assumed number of temporary arrays, of the size of its argument, that f or h makes
+
+
+@helper
+def load(x: Array, start: int, origin: Array, X: Array) -> int:
+    """Fill planes X (n, LANES) with x - origin of the particles (M, n) from ``start`` on; return how many there were.
+
+    Planes behind them are zero.
+    """
+    count = min(LANES, len(x) - start)
+    part = x[start : start + count]
+    for i in range(len(X)):
+        for j in range(count):
+            X[i, j] = part[j, i] - origin[i]
+        for j in range(count, LANES):
+            X[i, j] = 0.0
+    return count
+
+
+@helper
+def store(X: Array, start: int, count: int, x: Array) -> None:
+    """Write planes X (n, LANES) into the ``count`` particles of x (M, n) from ``start`` on."""
+    part = x[start : start + count]
+    for i in range(len(X)):
+        for j in range(count):
+            part[j, i] = X[i, j]
+
+
+@helper
+def add_product(A: Array, X: Array, Y: Array) -> None:
+    """Add A X to Y, for planes X (n, LANES) and Y (m, LANES); zeros of A cost nothing."""
+    for i in range(len(Y)):
+        for k in range(len(X)):
+            a = A[i, k]
+            if a != 0.0:
+                for j in range(LANES):
+                    Y[i, j] += a * X[k, j]
+
+
+@helper
+def scatter(x: Array, weights: Array, mean: Array, cov: Array) -> None:
+    """Fill cov (n, n) with the sum of w (x - mean) (x - mean)' over particles x (M, n)."""
+    points, n = x.shape
+    X, weighted = np.empty((n, LANES)), np.empty(LANES)
+    sums = np.zeros((n, n, LANES))  # a sum for each lane, which makes vector code
+    for start in range(0, points, LANES):
+        count = load(x, start, mean, X)
+        w = weights[start : start + count]
+        for i in range(n):
+            for j in range(count):
+                weighted[j] = w[j] * X[i, j]
+            for j in range(count, LANES):
+                weighted[j] = 0.0
+            for k in range(i + 1):
+                for j in range(LANES):
+                    sums[i, k, j] += weighted[j] * X[k, j]
+    for i in range(n):
+        for k in range(i + 1):
+            total = 0.0
+            for j in range(LANES):
+                total += sums[i, k, j]
+            cov[i, k] = cov[k, i] = total
 
 
 def log_density(residual: Array, R: Array, law: NoiseLaw | None = None) -> Array:
@@ -25,22 +88,44 @@ def log_density(residual: Array, R: Array, law: NoiseLaw | None = None) -> Array
 
     Directions in which R is zero do not count.
     """
-    inverse = inverse_lower(cholesky(R)[0])
-    white = residual @ inverse.mT
-    squared = np.square(white).sum(axis=-1)
-    m = residual.shape[-1]
-    pivots = np.diagonal(inverse, axis1=-2, axis2=-1)
-    log_det = np.log(np.where(pivots == 0.0, 1.0, pivots)).sum(axis=-1)[..., None]  # -log sqrt(det R)
-    if law is not None and law.dof:
-        from scipy.special import gammaln  # slow to import, needed by heavy tails only
+    law = law or NoiseLaw()
+    density: Array = _log_density(residual, cholesky(R)[0], law.share, law.factor, law.dof)
+    return density
 
-        constant = gammaln(0.5 * (law.dof + m)) - gammaln(0.5 * law.dof) - 0.5 * m * math.log(law.dof * math.pi)
-        return np.asarray(constant + log_det - 0.5 * (law.dof + m) * np.log1p(squared / law.dof))
-    clean = log_det - 0.5 * (squared + m * math.log(2.0 * math.pi))
-    if law is None or not law.share:
-        return np.asarray(clean)
-    dirty = log_det - 0.5 * (squared / law.factor + m * math.log(2.0 * math.pi * law.factor))
-    return np.logaddexp(clean + math.log1p(-law.share), dirty + math.log(law.share))
+
+@kernel("(p,m),(m,m),(),(),()->(p)")
+def _log_density(v: Array, L: Array, share: float, factor: float, dof: float, out: Array) -> None:
+    points, m = v.shape
+    log_det = -0.5 * m * math.log(2.0 * math.pi)
+    for i in range(m):
+        if L[i, i] != 0.0:
+            log_det -= math.log(L[i, i])
+    X, squared, origin = np.empty((m, LANES)), np.empty(LANES), np.zeros(m)
+    for start in range(0, points, LANES):
+        count = load(v, start, origin, X)
+        squared[:] = 0.0
+        for i in range(m):  # L^-1 v
+            for k in range(i):
+                for j in range(LANES):
+                    X[i, j] -= L[i, k] * X[k, j]
+            inverse = reciprocal(L[i, i])
+            for j in range(LANES):
+                X[i, j] *= inverse
+                squared[j] += X[i, j] * X[i, j]
+        part = out[start : start + count]
+        for j in range(count):
+            part[j] = log_det - 0.5 * squared[j]
+    if dof != 0.0:
+        constant = math.lgamma(0.5 * (dof + m)) - math.lgamma(0.5 * dof) + 0.5 * m * math.log(2.0 / dof) + log_det
+        for j in range(points):
+            out[j] = constant - 0.5 * (dof + m) * math.log1p(2.0 * (log_det - out[j]) / dof)
+    elif share != 0.0:
+        clean, dirty = math.log1p(-share), math.log(share) - 0.5 * m * math.log(factor)
+        for j in range(points):
+            exponent = out[j] - log_det
+            a, b = clean + exponent, dirty + exponent / factor
+            top = a if a > b else b
+            out[j] = log_det + top + math.log1p(math.exp(min(a, b) - top))
 
 
 def stand_in(residual: Array, explained: Array, R: Array, law: NoiseLaw | None) -> Array:
@@ -77,9 +162,10 @@ def through(g: Function, x: Array, memory_mb: float) -> Array:
 
     The runs cannot be separated, because g is bound to its batch. Small slices are faster too, for they stay in the cache.
     """
-    if isinstance(g, Linear):  # one product for all particles of a run
-        y = x @ g.matrix.mT
-        return y if g.offset is None else y + (g.offset if g.offset.ndim == 1 else g.offset[..., None, :])
+    if isinstance(g, Linear):
+        m, n = g.matrix.shape[-2:]
+        image: Array = affine(x, np.zeros(n), g.matrix, np.zeros(m) if g.offset is None else g.offset)
+        return image
     per_particle = TEMPORARIES * x[..., :1, :].nbytes
     step = max(1, int(memory_mb * 1e6 / max(per_particle, 1)))
     count = x.shape[-2]
@@ -93,21 +179,60 @@ def through(g: Function, x: Array, memory_mb: float) -> Array:
     return y
 
 
-def average(x: Array, weights: Array | None = None) -> Array:
-    """Return the mean (..., 1, n) of particles (..., M, n), as a product, several times faster than NumPy's sum."""
-    if weights is None:
-        weights = np.full(x.shape[-2], 1.0 / x.shape[-2])
-    return weights[..., None, :] @ x
+def equal(count: int) -> Array:
+    """Return equal weights (M,) of sum one."""
+    return np.broadcast_to(1.0 / count, (count,))
 
 
 def cloud_moments(x: Array, weights: Array | None = None) -> Gaussian:
     """Return mean and covariance of particles (..., M, n) with ``weights`` (..., M) of sum one; None: all equal."""
-    mean = average(x, weights)
-    apart = x - mean
-    if weights is None:
-        return Gaussian(mean[..., 0, :], apart.mT @ apart / x.shape[-2])
-    apart *= np.sqrt(weights)[..., None]
-    return Gaussian(mean[..., 0, :], apart.mT @ apart)
+    return Gaussian(*_moments(x, equal(x.shape[-2]) if weights is None else weights))
+
+
+@kernel("(p,n),(p)->(n),(n,n)")
+def _moments(x: Array, weights: Array, mean: Array, cov: Array) -> None:
+    mean[:] = 0.0
+    for j in range(len(x)):
+        for i in range(len(mean)):
+            mean[i] += weights[j] * x[j, i]
+    scatter(x, weights, mean, cov)
+
+
+@kernel("(p,n)->(n,n)")
+def second_moments(x: Array, out: Array) -> None:
+    """Return the mean (..., n, n) of x x' over particles (..., M, n)."""
+    points, n = x.shape
+    scatter(x, np.full(points, 1.0 / points), np.zeros(n), out)
+
+
+@kernel("(p,n),(n),(m,n),(m)->(p,m)")
+def affine(x: Array, origin: Array, A: Array, to: Array, out: Array) -> None:
+    """Return A (x - origin) + to (..., M, m) for particles x (..., M, n)."""
+    points, n = x.shape
+    m = len(to)
+    X, Y = np.empty((n, LANES)), np.empty((m, LANES))
+    for start in range(0, points, LANES):
+        count = load(x, start, origin, X)
+        for i in range(m):
+            Y[i] = to[i]
+        add_product(A, X, Y)
+        store(Y, start, count, out)
+
+
+@kernel("(p,n),(n),(),(p,k),(n,k)->(p,n)")
+def roughened(x: Array, mean: Array, shrink: float, N: Array, S: Array, out: Array) -> None:
+    """Return mean + shrink (x - mean) + S N for particles x (..., M, n) and normal numbers N (..., M, k)."""
+    points, n = x.shape
+    k = N.shape[1]
+    X, Z, origin = np.empty((n, LANES)), np.empty((k, LANES)), np.zeros(k)
+    for start in range(0, points, LANES):
+        count = load(x, start, mean, X)
+        for i in range(n):
+            for j in range(LANES):
+                X[i, j] = mean[i] + shrink * X[i, j]
+        load(N, start, origin, Z)
+        add_product(S, Z, X)
+        store(X, start, count, out)
 
 
 def fit(x: Array, target: Gaussian, weights: Array | None = None) -> tuple[Array, Mask | None]:
@@ -118,10 +243,7 @@ def fit(x: Array, target: Gaussian, weights: Array | None = None) -> tuple[Array
     now = cloud_moments(x, weights)
     root, repaired = cholesky(target.cov)
     own, poor = cholesky(now.cov)
-    A = root @ inverse_lower(own)
-    moved = (x - now.mean[..., None, :]) @ A.mT
-    moved += target.mean[..., None, :]
-    return moved, poor if repaired is None else repaired if poor is None else repaired | poor
+    return affine(x, now.mean, root @ inverse_lower(own), target.mean), either(repaired, poor)
 
 
 def bandwidth(count: int, n: int) -> float:
@@ -132,17 +254,29 @@ def bandwidth(count: int, n: int) -> float:
     return float((4.0 / (count * (n + 2.0))) ** (1.0 / (n + 4.0)))
 
 
-def systematic(weights: Array, u: Array) -> NDArray[np.int64]:
+@kernel("(p),()->(p)", "ddq")
+def systematic(weights: Array, u: float, out: NDArray[np.int64]) -> None:
     """Return the indices (..., M) of the surviving particles: as many of each as points (j + u) / M fall into its weight.
 
     ``weights`` (..., M) sum to one. ``u`` (...) is uniform on [0, 1), one number per run.
     """
-    M = weights.shape[-1]
-    edges = np.ceil(M * np.cumsum(weights, axis=-1) - u[..., None])
-    edges = np.clip(np.where(np.isfinite(edges), edges, M), 0, M).astype(np.int64)
-    edges[..., -1] = M
-    copies = np.diff(edges, axis=-1, prepend=0)
-    return np.repeat(np.broadcast_to(np.arange(M), copies.shape).ravel(), copies.ravel()).reshape(copies.shape)
+    M = len(weights)
+    total, filled = 0.0, 0
+    for i in range(M):
+        total += weights[i]
+        edge = np.ceil(M * total - u)
+        end = M if i == M - 1 or not abs(edge) <= M else int(edge)
+        for j in range(filled, end):
+            out[j] = i
+        filled = max(filled, end)
+
+
+@kernel("(p,n),(p)->(p,n)", "dqd")
+def taken(x: Array, indices: NDArray[np.int64], out: Array) -> None:
+    """Return the particles (..., M, n) with the ``indices`` (..., M)."""
+    for j in range(len(indices)):
+        for i in range(out.shape[1]):
+            out[j, i] = x[indices[j], i]
 
 
 def cloud_images(x: Array, y: Array, weights: Array) -> tuple[Gaussian, Moments]:

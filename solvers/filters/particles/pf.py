@@ -18,6 +18,7 @@ Departures:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -37,7 +38,9 @@ from solvers.filters.particles.importance import (
     fit,
     law_for,
     log_density,
+    roughened,
     stand_in,
+    taken,
     through,
 )
 from solvers.filters.particles.particle_filter import PREDICT, ROUGHEN, Cloud, ParticleFilter, log_weights
@@ -70,7 +73,9 @@ class PF(ParticleFilter):
         """Move each particle by f, with noise of its own."""
         x = through(tr.f, b.x, self.memory_mb)
         S, repaired = semidefinite_root(tr.Q)
-        noisy = x + normals("random", b.key, b.health.epoch, PREDICT, *x.shape[-2:]) @ S.mT
+        S = driven_columns(S)
+        N = normals("random", b.key, b.health.epoch, PREDICT, S.shape[-1], self.particles)
+        noisy = roughened(x, np.zeros(x.shape[-1]), 1.0, N.mT, S)
         if self.matched:
             w = np.exp(b.log_w)
             y = cloud_moments(x, w)
@@ -108,14 +113,12 @@ class PF(ParticleFilter):
         """Return roughened copies (runs, M, n) of the surviving particles, in the runs of the mask, and the repaired runs."""
         M, n = b.x.shape[-2:]
         target = cloud_moments(b.x[rows], w[rows])
-        x = np.take_along_axis(b.x[rows], self.survivors(b, w, rows)[..., None], axis=-2)
+        x = taken(b.x[rows], self.survivors(b, w, rows))
         S, repaired = cholesky(target.cov)
         h = bandwidth(M, n) if self.roughening is None else self.roughening
         if h:
-            x -= target.mean[:, None, :]
-            x *= np.sqrt(1.0 - h * h)
-            x += normals("random", b.key[rows], b.health.epoch, ROUGHEN, M, n) @ (h * S.mT)
-            x += target.mean[:, None, :]
+            N = normals("random", b.key[rows], b.health.epoch, ROUGHEN, M, n)
+            x = roughened(x, target.mean, math.sqrt(1.0 - h * h), N, h * S)
         if self.matched:
             x, repaired = fit(x, target)
         return x, np.zeros(len(x), dtype=bool) if repaired is None else repaired
@@ -126,6 +129,18 @@ class PF(ParticleFilter):
 
     def move(self, b: Cloud, g: Function, jac: Callable[[Array], Array]) -> Cloud:
         return b._replace(x=through(g, b.x, self.memory_mb))
+
+
+def driven_columns(S: Array) -> Array:
+    """Return a root (..., n, n) without its zero columns, (..., n, k); the run with most columns gives k.
+
+    The columns that another run lacks are behind its own, and zero. Random numbers are drawn column by column, so that a run
+    draws the same ones in every batch.
+    """
+    zero = ~(S != 0.0).any(axis=-2)
+    order = np.argsort(zero, axis=-1, kind="stable")
+    k = int((~zero).sum(axis=-1).max())
+    return np.take_along_axis(S, order[..., None, :], axis=-1)[..., :k]
 
 
 SAME_AS = {

@@ -20,9 +20,18 @@ from numpy.typing import NDArray
 
 from sins_env.arrays import Array
 from sins_env.checks import refused, whole
+from sins_env.kernels import kernel
 from solvers.blocks.conditioning import inverse_lower
 from solvers.blocks.square_root import cholesky
-from solvers.filters.particles.importance import average
+from solvers.filters.particles.importance import (
+    LANES,
+    add_product,
+    affine,
+    cloud_moments,
+    load,
+    second_moments,
+    store,
+)
 
 Keys = NDArray[np.int64]
 
@@ -95,20 +104,34 @@ def draw(
     - "none": nothing, the points stay as they were drawn.
     """
     n = S.shape[-1]
-    drawn = count // 2 if matching == "pairs" else count
-    N = normals(points, keys, epoch, stage, drawn, n)
-    A = S.mT
-    if matching != "none":
-        if matching == "moments":
-            N -= average(N)
-        A = inverse_lower(cholesky(N.mT @ N / drawn)[0]).mT @ A
-    x = np.empty((*keys.shape, count, n))
-    np.matmul(N, A, out=x[..., :drawn, :])
+    if mean is None:
+        mean = np.zeros(n)
     if matching == "pairs":
-        np.negative(x[..., :drawn, :], out=x[..., drawn:, :])
-    if mean is not None:
-        x += mean[..., None, :]
-    return x
+        N = normals(points, keys, epoch, stage, count // 2, n)
+        pairs = _pairs(N, S @ inverse_lower(cholesky(second_moments(N))[0]), mean)
+        return np.asarray(pairs.reshape(*keys.shape, count, n))
+    N = normals(points, keys, epoch, stage, count, n)
+    if matching == "none":
+        return np.asarray(affine(N, np.zeros(n), S, mean))
+    own = cloud_moments(N)
+    return np.asarray(affine(N, own.mean, S @ inverse_lower(cholesky(own.cov)[0]), mean))
+
+
+@kernel("(p,n),(n,n),(n)->(2,p,n)")
+def _pairs(N: Array, A: Array, mean: Array, out: Array) -> None:
+    """Fill in the points mean + A N and their mirror images."""
+    points, n = N.shape
+    X, Y, origin = np.empty((n, LANES)), np.empty((n, LANES)), np.zeros(n)
+    for start in range(0, points, LANES):
+        count = load(N, start, origin, X)
+        Y[:] = 0.0
+        add_product(A, X, Y)
+        for i in range(n):
+            for j in range(LANES):
+                X[i, j] = mean[i] + Y[i, j]
+                Y[i, j] = mean[i] - Y[i, j]
+        store(X, start, count, out[0])
+        store(Y, start, count, out[1])
 
 
 MOST_PARTICLES = 1_000_000  #: largest number of particles of a run

@@ -32,7 +32,7 @@ from solvers.blocks.moments import Linearized, MomentRule, SigmaPoints, moments,
 from solvers.blocks.sigma_rules import Unscented
 from solvers.blocks.square_root import cholesky, symmetrize
 from solvers.filters.base import count
-from solvers.filters.particles.importance import bandwidth, cloud_moments, fit, law_for, log_density, stand_in, through
+from solvers.filters.particles.importance import bandwidth, cloud_moments, fit, law_for, log_density, stand_in, taken, through
 from solvers.filters.particles.particle_filter import PREDICT, ParticleFilter, log_weights
 from solvers.filters.particles.random_points import Keys, normals
 from solvers.filters.relations import Relation
@@ -98,7 +98,7 @@ class KalmanParticles(ParticleFilter):
         target = cloud_moments(x, w)
         rows = (number < self.resample * self.particles) & ~few
         if rows.any():
-            x[rows] = np.take_along_axis(x[rows], self.survivors(b, w, rows)[..., None], axis=-2)
+            x[rows] = taken(x[rows], self.survivors(b, w, rows))
             w[rows] = 1.0 / self.particles
         seen = collapse(before, Gaussian(y.mean, y.cov))
         if few.any():
