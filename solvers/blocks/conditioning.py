@@ -139,8 +139,13 @@ def gate_limit(gate: float, m: int) -> float:
 
 def log_likelihood(innovation: Innovation) -> Array:
     """Return log N(r; 0, S), shape (...), as in 004 (9); directions known exactly do not count."""
-    squared, log_pivots = _whitened(cholesky(innovation.cov)[0], innovation.residual)
-    m = innovation.residual.shape[-1]
+    return log_normal(innovation.residual, cholesky(innovation.cov)[0])
+
+
+def log_normal(residual: Array, L: Array) -> Array:
+    """Return log N(r; 0, L L'), shape (...), for residuals r (..., m) and a lower root L (..., m, m)."""
+    squared, log_pivots = _whitened(L, residual)
+    m = residual.shape[-1]
     return np.asarray(log_pivots - 0.5 * (squared + m * math.log(2.0 * math.pi)))
 
 

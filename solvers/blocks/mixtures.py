@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sins_env.arrays import Array
-from solvers.blocks.square_root import symmetrize
+from sins_env.kernels import kernel
 from solvers.types import Function, Gaussian, Linear, Measurement, Transition
 
 LOG_FLOOR = -700.0  #: smallest log weight, relative to the largest; its exponential is still a normal number
@@ -33,12 +33,26 @@ def collapse(weights: Array, x: Gaussian) -> Gaussian:
 
     Equations 004 (11-12), and 000 (3.5.25-26) with no. 41 of docs/mathematics/errata.md corrected.
     """
-    mean = (weights[..., None, :] @ x.mean)[..., 0, :]
-    apart = x.mean - mean[..., None, :]
-    *batch, G, n, _ = x.cov.shape
-    within = (weights[..., None, :] @ x.cov.reshape(*batch, G, n * n))[..., 0, :].reshape(*mean.shape, n)
-    cov = within + (apart * weights[..., None]).mT @ apart
-    return Gaussian(mean, symmetrize(cov))
+    return Gaussian(*_collapse(weights, x.mean, x.cov))
+
+
+@kernel("(g),(g,n),(g,n,n)->(n),(n,n)")
+def _collapse(weights: Array, x: Array, P: Array, mean: Array, cov: Array) -> None:
+    n = len(mean)
+    mean[:] = cov[:] = 0.0
+    for g in range(len(weights)):
+        for i in range(n):
+            mean[i] += weights[g] * x[g, i]
+    apart = np.empty(n)
+    for g in range(len(weights)):
+        for i in range(n):
+            apart[i] = x[g, i] - mean[i]
+        for i in range(n):
+            for k in range(n):
+                cov[i, k] += weights[g] * (P[g, i, k] + apart[i] * apart[k])
+    for i in range(n):
+        for k in range(i):
+            cov[i, k] = cov[k, i] = 0.5 * (cov[i, k] + cov[k, i])
 
 
 def merge(weights: Array, x: Gaussian) -> tuple[Array, Gaussian]:

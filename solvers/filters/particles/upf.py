@@ -26,13 +26,23 @@ import numpy as np
 
 from sins_env.arrays import Array, Mask
 from sins_env.checks import keep, number
-from solvers.blocks.conditioning import condition
+from sins_env.kernels import kernel
+from solvers.blocks.conditioning import condition, log_normal
 from solvers.blocks.mixtures import collapse, effective, normalise, spread, spread_measurement, widen
 from solvers.blocks.moments import Linearized, MomentRule, SigmaPoints, moments, transform
 from solvers.blocks.sigma_rules import Unscented
-from solvers.blocks.square_root import cholesky, symmetrize
+from solvers.blocks.square_root import any_of, cholesky, symmetrize
 from solvers.filters.base import count
-from solvers.filters.particles.importance import bandwidth, cloud_moments, fit, law_for, log_density, stand_in, taken, through
+from solvers.filters.particles.importance import (
+    bandwidth,
+    cloud_moments,
+    fit,
+    law_for,
+    log_density,
+    stand_in,
+    taken,
+    through,
+)
 from solvers.filters.particles.particle_filter import PREDICT, ParticleFilter, log_weights
 from solvers.filters.particles.random_points import Keys, normals
 from solvers.filters.relations import Relation
@@ -44,7 +54,7 @@ class Swarm(NamedTuple):
     """Weighted particles with a covariance each, and the random stream of each run."""
 
     x: Array  #: (..., M, n), means of the particles
-    P: Array  #: (..., M, n, n), covariances of the particles
+    P: Array  #: (..., M, n, n), covariances of the particles, or (..., 1, n, n) if all have the same
     log_w: Array  #: (..., M), logarithms of weights that sum to one
     key: Keys  #: (...), key of the random stream
     ess: Array  #: (...), effective sample size of the last weighing, as a share of the particles
@@ -73,14 +83,13 @@ class KalmanParticles(ParticleFilter):
         """Draw particles of the prior; ``rng`` is one Generator, or a sequence with one per run."""
         share = self.share(np.shape(prior.mean)[-1])
         x, cloud = self.start(prior, rng, 1.0 - share)
-        P = np.repeat(share * x.cov[..., None, :, :], self.particles, axis=-3)
-        return Swarm(cloud.x, P, cloud.log_w, cloud.key, cloud.ess, cloud.health)
+        return Swarm(cloud.x, share * x.cov[..., None, :, :], cloud.log_w, cloud.key, cloud.ess, cloud.health)
 
     def predict(self, b: Swarm, tr: Transition) -> Swarm:
         """Predict the Gaussian of each particle."""
         f = spread(self.sliced(tr.f), b.x.ndim - 2)
         y, repaired = transform(f, Gaussian(b.x, b.P), self.rule)
-        return count(b._replace(x=y.mean, P=y.cov + widen(tr.Q)), _any(repaired))
+        return count(b._replace(x=y.mean, P=y.cov + widen(tr.Q)), any_of(repaired))
 
     def correct(self, b: Swarm, me: Measurement) -> tuple[Swarm, Innovation]:
         """Correct the Gaussian of each particle, draw from it and weigh the draw; then apply the kernel again."""
@@ -89,9 +98,11 @@ class KalmanParticles(ParticleFilter):
         y, repaired = moments(own.h, prior, self.rule)
         R = stand_in(own.z - y.mean, y.cov, own.R, law)
         hat, _, repaired_S = condition(prior, y._replace(cov=y.cov + R), own.z)
-        x, lost, repaired_P = self.drawn(b, hat, before)
+        S, repaired_P = cholesky(hat.cov)
+        N = normals("random", b.key, b.health.epoch, PREDICT, *b.x.shape[-2:])
+        x, lost = fit(_drawn(hat.mean, S, N), collapse(before, hat), before)
         log_w = b.log_w + log_density(me.z[..., None, :] - through(me.h, x, self.memory_mb), me.R, law)
-        log_w += _log_normal(x, prior) - _log_normal(x, hat)
+        log_w += log_normal(x - prior.mean, cholesky(prior.cov)[0]) - log_normal(x - hat.mean, S)
         w, _ = normalise(log_w)
         number = effective(w)
         few = self.too_few(number, x.shape[-1])
@@ -102,30 +113,20 @@ class KalmanParticles(ParticleFilter):
             w[rows] = 1.0 / self.particles
         seen = collapse(before, Gaussian(y.mean, y.cov))
         if few.any():
-            target = _kalman_where(few, target, collapse(before, prior), me, law, self.rule)
+            target = _kalman_where(few, target, _mixture(before, b.x, b.P), me, law, self.rule)
             w = np.where(few[..., None], before, w)
         share = self.share(x.shape[-1])
         x, unfit = fit(x, target._replace(cov=(1.0 - share) * target.cov), w)
-        P = np.repeat(share * target.cov[..., None, :, :], self.particles, axis=-3)
+        P = share * target.cov[..., None, :, :]
         ess = np.where(np.isfinite(number), number / self.particles, 0.0)
         b = count(b._replace(x=x, P=P, log_w=log_weights(w), ess=ess), unfit, few)
         for mask in (repaired, repaired_S, repaired_P):
-            b = count(b, _any(mask))
+            b = count(b, any_of(mask))
         return count(b, lost), Innovation(me.z - seen.mean, seen.cov + me.R)
 
     def share(self, n: int) -> float:
         """Return the kernel's share of the covariance for n states."""
         return bandwidth(self.particles, n) ** 2 if self.kernel is None else self.kernel
-
-    def drawn(self, b: Swarm, hat: Gaussian, w: Array) -> tuple[Array, Mask | None, Mask | None]:
-        """Draw once (..., M, n) from each N(x^_i, P^_i), fitted to the moments of their mixture.
-
-        Two masks of repaired runs follow: (...) for the fit, (..., M) for the roots.
-        """
-        S, repaired = cholesky(hat.cov)
-        N = normals("random", b.key, b.health.epoch, PREDICT, *b.x.shape[-2:])
-        x, unfit = fit(hat.mean + (S @ N[..., None])[..., 0], collapse(w, hat), w)
-        return x, unfit, repaired
 
     def sliced(self, g: Function) -> Function:
         """Return g in slices that fit in memory, unless it is linear or has a Jacobian of its own."""
@@ -135,7 +136,7 @@ class KalmanParticles(ParticleFilter):
 
     def estimate(self, b: Swarm) -> Gaussian:
         """Return mean (..., n) and covariance (..., n, n) of the mixture."""
-        return collapse(np.exp(b.log_w), Gaussian(b.x, b.P))
+        return _mixture(np.exp(b.log_w), b.x, b.P)
 
     def move(self, b: Swarm, g: Function, jac: Callable[[Array], Array]) -> Swarm:
         J = jac(b.x)
@@ -177,13 +178,18 @@ def _kalman_where(few: Mask, other: Gaussian, prior: Gaussian, me: Measurement, 
     return Gaussian(mean, np.where(few[..., None, None], kalman.cov, other.cov))
 
 
-def _log_normal(x: Array, at: Gaussian) -> Array:
-    """Return log N(x_i; mean_i, cov_i), shape (..., M)."""
-    return log_density((x - at.mean)[..., None, :], at.cov)[..., 0]
+def _mixture(w: Array, x: Array, P: Array) -> Gaussian:
+    """Return the moments of Gaussians with weights (..., M) and means (..., M, n), and one covariance each or for all."""
+    return collapse(w, Gaussian(x, np.broadcast_to(P, (*x.shape, x.shape[-1]))))
 
 
-def _any(mask: Mask | None) -> Mask | None:
-    return None if mask is None else np.asarray(mask.any(axis=-1))
+@kernel("(n),(n,n),(n)->(n)")
+def _drawn(mean: Array, S: Array, N: Array, out: Array) -> None:
+    """Fill in mean + S N, for a lower S."""
+    for i in range(len(mean)):
+        out[i] = mean[i]
+        for k in range(i + 1):
+            out[i] += S[i, k] * N[k]
 
 
 SAME_AS = {
