@@ -265,7 +265,8 @@ def systematic(weights: Array, u: float, out: NDArray[np.int64]) -> None:
     for i in range(M):
         total += weights[i]
         edge = np.ceil(M * total - u)
-        end = M if i == M - 1 or not abs(edge) <= M else int(edge)
+        lost = edge != edge  # NaN, which a comparison by size would report
+        end = M if i == M - 1 or lost else int(min(max(edge, 0.0), M))
         for j in range(filled, end):
             out[j] = i
         filled = max(filled, end)
