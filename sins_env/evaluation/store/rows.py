@@ -26,42 +26,22 @@ from sins_env.evaluation.score.quantities import QUANTITIES
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.schema import SCORES, SPANS, TOLD
 from sins_env.evaluation.tasks.task import EvaluationTask
+from sins_env.reading.documents import parse_json
 
 MOST_TEXT = 4096  #: most bytes of a message or traceback; the rest is cut off
-MOST_DEPTH = 32  #: most levels of lists and objects in settings and definitions
 MOST_EPOCHS = 10**9  #: most epochs of a run
 T = TypeVar("T")
 
 
-def json_of(text: str) -> Any:
-    """Return the value of a JSON text.
-
-    Raises:
-        ValueError: no JSON, or lists and objects that are nested too deep.
-    """
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError as error:
-        raise ValueError(f"no JSON ({error})") from None
-    except RecursionError:
-        raise ValueError(f"nested too deep; allowed: {MOST_DEPTH} levels") from None
-
-
 def object_of(text: str) -> dict[str, Any]:
-    """Return a JSON object of few levels.
+    """Return a JSON object, bounded in depth and size.
 
     Raises:
         ValueError: anything else.
     """
-    given = json_of(text)
+    given = parse_json(text)
     if not isinstance(given, dict):
         raise ValueError(f"a JSON {type(given).__name__}; allowed: an object")
-    level: list[Any] = [given]
-    for _ in range(MOST_DEPTH):
-        parts = [one.values() if isinstance(one, dict) else one for one in level if isinstance(one, (dict, list))]
-        level = [one for part in parts for one in part]
-    if level:
-        raise ValueError(f"nested too deep; allowed: {MOST_DEPTH} levels")
     return given
 
 
@@ -200,7 +180,10 @@ def bound_of(text: str) -> Bound | None:
     Raises:
         ValueError: arrays that do not fit each other.
     """
-    given = json_of(text)
+    try:
+        given = json.loads(text)  # of more numbers than other documents
+    except RecursionError:
+        raise ValueError("nested too deep; allowed: lists in lists") from None
     if given is None:
         return None
     found = _fields_of(Bound, _object("bound", given))
