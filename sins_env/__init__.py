@@ -22,6 +22,9 @@ Importing this package registers the environments of :mod:`sins_env.envs` with G
 In either order of the two imports ``gymnasium.make("SINS/AlignSway-v0")`` works afterwards.
 """
 
+from sins_env.cli import starting as _starting  # noqa: F401 - before anything else
+
+# isort: split
 from importlib import import_module as _import
 from importlib.util import find_spec as _find_spec
 from typing import TYPE_CHECKING as _TYPES

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Sequence
 
 from sins_env.cli.interrupts import quiet
+from sins_env.cli.starting import COMMAND
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0, 1 for a failed run, 2 for wrong use, 130 for Ctrl-C."""
     with quiet():
         from sins_env.cli import command  # takes a tenth of a second, in which Ctrl-C would show where
-    return command.execute(argv)
+    try:
+        return command.execute(argv)
+    finally:
+        if COMMAND:  # what is left is the end of the interpreter
+            signal.signal(signal.SIGINT, signal.SIG_IGN)

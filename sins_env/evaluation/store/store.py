@@ -241,7 +241,8 @@ class Store(Database):
         """
         sql = f"SELECT {', '.join(map(_shortened, columns))} FROM {_WITH_SPANS} WHERE {_OF_KEY} ORDER BY run"
         with self.explaining():
-            yield from self.connection.execute(sql, key.values)
+            # map keeps the end of an unfinished iteration from closing the cursor, because the file may be closed already
+            yield from map(tuple, self.connection.execute(sql, key.values))
 
     def _task(self, name: str) -> tuple[EvaluationTask, Bound | Literal["ask"] | None]:
         """Return the task under which the runs were made, and its bound; the present task if an older file has none.

@@ -383,6 +383,14 @@ def test_a_full_disk_takes_nothing_back(tmp_path, results, key):
         assert db.runs_of(key) == {0, 1, 2, 3}
 
 
+def test_rows_may_be_left_unread_when_the_file_is_closed(tmp_path, results, key):
+    with Store(tmp_path / "r.sqlite") as db:
+        db.add(key, results.records)
+        rows = db.rows(key, ["run"])
+        assert next(rows) == (0,)
+    rows.close()
+
+
 def test_damaged_row(tmp_path, results, key):
     with Store(tmp_path / "r.sqlite") as db:
         db.add(key, results.records)
