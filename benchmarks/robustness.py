@@ -49,14 +49,16 @@ DROP, OVERRIDES = 24, (1, 2)
 MARK = "SINS_ENV_CAMPAIGN"  #: environment variable by which the processes of a trial are known
 LONG_S = 300.0  #: s, after which a command counts as hanging; the machine may be busy
 
-#: The command line, with a task of 10 s for trials that play runs.
+#: The command line, with a task of 10 s for trials that play runs, and one of 20 s, of which version 0.1.0 made runs.
 COMMAND = """
 import dataclasses, sys
 from sins_env.cli.main import main
 from sins_env.evaluation.tasks.catalogue import TASKS
 if __name__ == "__main__":
     long = TASKS["sway-white-v0"]
-    TASKS["short-v0"] = dataclasses.replace(long, name="short-v0", kwargs={**long.kwargs, "duration": 10.0}, hold_s=2.0)
+    for name, seconds in ("brief-v0", 10.0), ("short-v0", 20.0):
+        kwargs = {**long.kwargs, "duration": seconds}
+        TASKS[name] = dataclasses.replace(long, name=name, kwargs=kwargs, hold_s=seconds / 4)
     sys.exit(main())
 """
 SCRIPT = Path(sys.executable).parent / "sins-env"
@@ -95,7 +97,7 @@ class Trials:
 
     def evaluation(self, db: str, *more: str) -> tuple[str, ...]:
         """Return the words of an evaluation into a file."""
-        names = ("--task", "short-v0", "--solver", *self.solvers, "--runs", str(self.runs))
+        names = ("--task", "brief-v0", "--solver", *self.solvers, "--runs", str(self.runs))
         return ("eval", *names, "--chunk", "2", "--workers", str(self.workers), "--db", db, *more)
 
     def start(self, words: Sequence[str], script: bool = False, **settings: Any) -> subprocess.Popen[str]:
@@ -210,8 +212,9 @@ def _marked(mark: str) -> list[str]:
 
 
 def _shared() -> set[str]:
-    """Return the names of shared memory and semaphores of all processes."""
-    return set(os.listdir("/dev/shm")) if os.path.isdir("/dev/shm") else set()
+    """Return the names of shared memory of all processes; semaphores belong to a tracker, which removes them later."""
+    names = os.listdir("/dev/shm") if os.path.isdir("/dev/shm") else []
+    return {name for name in names if not name.startswith("sem.")}
 
 
 def _unused(names: set[str]) -> list[str]:
@@ -299,7 +302,7 @@ def kill_twice(trials: Trials, rng: np.random.Generator) -> None:
         time.sleep(rng.uniform(0.0, trials.eval_s))
         os.killpg(process.pid, signal.SIGKILL)
         trials.end(process)
-    trials.shared |= _shared()  # semaphores of multiprocessing, whose tracker was killed with the rest
+    trials.shared |= _shared()  # what nobody is left to remove
     trials.must(trials.evaluation("r.sqlite", "--resume"))
     trials.check_evaluated("r.sqlite")
     trials.check_left("r.sqlite")
@@ -309,14 +312,15 @@ def kill_migration(trials: Trials, rng: np.random.Generator) -> None:
     """Kill the migration of a file of version 0.1.0; the file is the old one or the new one, and its rows are all there."""
     old = _old_file(trials)
     shutil.copy(old, trials.folder / "r.sqlite")
-    process = trials.start(trials.evaluation("r.sqlite"))
+    words = ("eval", "--task", "short-v0", "--solver", "kf", "--runs", "2", "--workers", "1", "--db", "r.sqlite")
+    process = trials.start(words)
     while process.poll() is None and not (trials.folder / "r.sqlite-wal").exists():
         time.sleep(0.0005)
     time.sleep(rng.uniform(0.0, 1.0) ** 2)
     process.kill()
     trials.end(process)
     check_whole(trials.folder / "r.sqlite")
-    trials.must(trials.evaluation("r.sqlite", "--resume"))
+    trials.must((*words, "--resume"))
     check_whole(trials.folder / "r.sqlite")
     with Store(trials.folder / "r.sqlite", read_only=True) as now, Store(old, read_only=True) as then:
         for key in sorted(then.keys(), key=str):
@@ -410,6 +414,7 @@ def interrupt(trials: Trials, rng: np.random.Generator) -> None:
     if ended.code == 0:
         assert ended.err.count("\n") <= 1, f"exit code 0: {ended.err[-600:]}"
     elif ours or not ((ended.code, ended.err) == (-signal.SIGINT, "") or "KeyboardInterrupt" in ended.err):
+        ended.code = 130 if ended.code == -signal.SIGINT else ended.code  # as a shell does
         check_line(ended, 130)
     assert not trials.left(), f"processes left: {trials.left()}"
     if words[0] == "eval":
