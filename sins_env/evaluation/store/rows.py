@@ -30,6 +30,7 @@ from sins_env.reading.documents import parse_json
 
 MOST_TEXT = 4096  #: most bytes of a message or traceback; the rest is cut off
 MOST_EPOCHS = 10**9  #: most epochs of a run
+LEAST_EPOCH_S = 1e-6  #: shortest epoch, s
 T = TypeVar("T")
 
 
@@ -124,7 +125,7 @@ def criteria_of(text: str) -> Criteria:
         ValueError: values that no task can have.
     """
     found = _fields_of(Criteria, object_of(text))
-    number("epoch_s", found.epoch_s, above=0.0)
+    number("epoch_s", found.epoch_s, least=LEAST_EPOCH_S)
     _whole("num_epochs", found.num_epochs, 1, MOST_EPOCHS)
     _whole("coarse_epochs", found.coarse_epochs, 0, found.num_epochs - 1)
     _whole("span_from", found.span_from, 1, found.num_epochs)

@@ -101,6 +101,7 @@ REFUSED = {
     "epochs without end": (document("criteria", num_epochs=10**12, epoch_s=1e-12), "num_epochs = 1000000000000; allowed: a whole"),
     "epochs as a fraction": (document("criteria", num_epochs=20.5), "num_epochs = 20.5"),
     "no time": (document("criteria", epoch_s=0), "epoch_s = 0"),
+    "hardly any time": (document("criteria", epoch_s=5e-324), "epoch_s = 5e-324"),
     "no thresholds": (document("criteria", delta=[0, 0, 0]), "delta = [0, 0, 0]"),
     "many thresholds": (document("criteria", delta=[1.0] * 50), "three positive numbers"),
     "other limits": (document("criteria", navigates=True), "limit = "),
