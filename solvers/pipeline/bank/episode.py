@@ -142,10 +142,10 @@ class Episode:
         a, b = self._coordinates.at(before), self._coordinates.at(s.ins.nav)
         F = Growth(a, self._errors.transition(motion, self._Q_gyro).f, b).at_zero[1]
         D = b.slope()  # it changes nothing in the noise of the accelerometers
-        Q = self._models.gyro * (D @ self._Q_gyro @ D.mT)[:, None] + self._models.accel * self._Q_accel
-        mixed = self._models.mix(s.weight, s.x, self._chain, self._offset)
-        x = propagate(mixed.x, F, Q, self._frame.moving)
-        return s._replace(weight=mixed.weight, mean=x.mean, cov=x.cov, regimes=mixed.share @ s.regimes)
+        mixed = self._models.mix(s.weight, s.x, s.regimes, self._chain, self._offset)
+        gyro = D @ self._Q_gyro @ D.mT
+        x = propagate(mixed.x, F, gyro, self._Q_accel, self._models.noise, self._frame.moving)
+        return s._replace(weight=mixed.weight, mean=x.mean, cov=x.cov, regimes=mixed.regimes)
 
     def _fix(self, s: Slices, me: Measurement, seen: NDArray[np.int64]) -> Slices:
         """Return the slices after the fixes, which those at ``seen`` have, with their means fed back into the INS."""

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sins_env.arrays import Array
-from solvers.blocks.square_root import symmetrize
+from sins_env.kernels import kernel
 from solvers.types import Gaussian
 
 MEMORY_S = 100.0  #: s, mean time until a model of the IMU's noise is drawn anew
@@ -30,7 +30,7 @@ class Mixed(NamedTuple):
 
     weight: Array  #: (..., M)
     x: Gaussian  #: (..., M, n), (..., M, n, n)
-    share: Array  #: (..., M, M), probability that a model (row) came from another (column)
+    regimes: Array  #: (..., M, C)
 
 
 @dataclass(frozen=True)
@@ -46,17 +46,8 @@ class Models:
         return len(self.factors) + self.offset
 
     @cached_property
-    def gyro(self) -> Array:
-        """Factors (M, 1, 1) of the variance of the gyros."""
-        return self._factors[:, 0, None, None]
-
-    @cached_property
-    def accel(self) -> Array:
-        """Factors (M, 1, 1) of the variance of the accelerometers."""
-        return self._factors[:, 1, None, None]
-
-    @property
-    def _factors(self) -> Array:
+    def noise(self) -> Array:
+        """Factors (M, 2) of the variances of gyros and accelerometers."""
         return np.array([*self.factors, *[(1.0, 1.0)] * self.offset])
 
     @cached_property
@@ -79,40 +70,104 @@ class Models:
             A[-1, -1] = 1.0 - leave
         return A
 
-    def mix(self, p: Array, x: Gaussian, chain: Array, b: slice) -> Mixed:
-        """Return the models (..., M) before a prediction; ``b`` are the states of the offset."""
-        joint = p[..., None] * chain  # (..., from, to)
-        ahead = np.add.reduce(joint, axis=-2)
-        reached = ahead > 0.0
-        share = np.where(reached[..., None, :], joint, np.eye(self.count)) / np.where(reached, ahead, 1.0)[..., None, :]
-        share = share.mT  # (..., to, from)
-        mean = share @ x.mean
-        *batch, M, n, _ = x.cov.shape
-        cov = (share @ x.cov.reshape(*batch, M, n * n)).reshape(x.cov.shape)
-        apart = x.mean[..., None, :, :] - mean[..., None, :]  # (..., to, from, n)
-        cov += (apart * share[..., None]).mT @ apart
-        if self.offset:
-            for there in (mean[..., :-1, b], cov[..., :-1, b, :], cov[..., :-1, :, b]):
-                there[...] = 0.0
-            entered = OFFSET_STD**2 * (1.0 - share[..., -1, -1])
-            cov[..., -1, b, b] += entered[..., None, None] * np.eye(b.stop - b.start)
-        return Mixed(ahead, Gaussian(mean, cov), share)
+    def mix(self, p: Array, x: Gaussian, regimes: Array, chain: Array, b: slice) -> Mixed:
+        """Return the models before a prediction.
+
+        Probabilities p (..., M), states (..., M, n) and probabilities (..., M, C) of the regimes come in. The slice ``b`` has the
+        states of the offset.
+        """
+        entering = OFFSET_STD**2 if self.offset else -1.0
+        ahead, mean, cov, moved = _mix(p, x.mean, x.cov, regimes, chain, entering, b.start, b.stop)
+        return Mixed(ahead, Gaussian(mean, cov), moved)
 
 
-def propagate(x: Gaussian, F: Array, Q: Array, k: int) -> Gaussian:
-    """Return F x and F P F' + Q of models (..., M, n) that share F (..., n, n); only the first k states are not constant."""
-    P = carried(F, x.cov, k)
-    P[..., :k, :k] += Q[..., :k, :k]
-    return Gaussian(x.mean @ F.mT, P)
+@kernel("(m),(m,n),(m,n,n),(m,c),(m,m),(),(),()->(m),(m,n),(m,n,n),(m,c)", "ddddddqqdddd")
+def _mix(
+    p: Array, x: Array, P: Array, regimes: Array, chain: Array, entering: float, first: int, stop: int,
+    ahead: Array, mean: Array, cov: Array, moved: Array,
+) -> None:  # fmt: skip
+    m, n = x.shape
+    share, apart = np.empty(m), np.empty((m, n))
+    for to in range(m):
+        ahead[to] = 0.0
+        for j in range(m):
+            ahead[to] += p[j] * chain[j, to]
+        for j in range(m):
+            share[j] = p[j] * chain[j, to] / ahead[to] if ahead[to] > 0.0 else (1.0 if j == to else 0.0)
+        for c in range(regimes.shape[1]):
+            moved[to, c] = 0.0
+            for j in range(m):
+                moved[to, c] += share[j] * regimes[j, c]
+        for i in range(n):
+            mean[to, i] = 0.0
+            for j in range(m):
+                mean[to, i] += share[j] * x[j, i]
+            for j in range(m):
+                apart[j, i] = x[j, i] - mean[to, i]
+            for k in range(n):
+                cov[to, i, k] = 0.0
+        for j in range(m):
+            if share[j] > 0.0:
+                for i in range(n):
+                    weighted = share[j] * apart[j, i]
+                    for k in range(n):
+                        cov[to, i, k] += share[j] * P[j, i, k] + weighted * apart[j, k]
+        if entering < 0.0:
+            continue
+        for i in range(first, stop):  # the offset is in the last model alone
+            if to == m - 1:
+                cov[to, i, i] += entering * (1.0 - share[to])
+                continue
+            mean[to, i] = 0.0
+            for k in range(n):
+                cov[to, i, k] = 0.0
+                cov[to, k, i] = 0.0
+
+
+def propagate(x: Gaussian, F: Array, gyro: Array, accel: Array, factors: Array, k: int) -> Gaussian:
+    """Return F x and F P F' + Q of models (..., M, n); only the first k states change.
+
+    All models share F (..., n, n). Q is made of the noise ``gyro`` (..., n, n) of the gyros and ``accel`` (n, n) of the
+    accelerometers, with the factors (M, 2).
+    """
+    return Gaussian(*_propagate(x.mean, x.cov, F, gyro, accel, factors, k))
 
 
 def carried(F: Array, P: Array, k: int) -> Array:
     """Return F P F' for symmetric P (..., M, n, n) and F (..., n, n), whose rows from k on are those of the identity."""
-    *batch, M, n, _ = P.shape
-    top = F[..., :k, :]
-    X = (P.reshape(*batch, M * n, n) @ top.mT).reshape(*batch, M, n, k)  # P F', one product for all models
-    out = P.copy()
-    out[..., :k, :k] = symmetrize(top[..., None, :, :] @ X)
-    out[..., k:, :k] = X[..., k:, :]
-    out[..., :k, k:] = X[..., k:, :].mT
-    return out
+    none = np.zeros(P.shape[-2:])
+    still = np.zeros(P.shape[:-1])
+    return np.asarray(_propagate(still, P, F, none, none, np.zeros((P.shape[-3], 2)), k)[1])
+
+
+@kernel("(m,n),(m,n,n),(n,n),(n,n),(n,n),(m,2),()->(m,n),(m,n,n)", "ddddddqdd")
+def _propagate(
+    x: Array, P: Array, F: Array, gyro: Array, accel: Array, factors: Array, moving: int, mean: Array, cov: Array
+) -> None:
+    m, n = x.shape
+    FP = np.empty((moving, n))
+    for model in range(m):
+        for i in range(n):
+            mean[model, i] = x[model, i]
+            for j in range(n):
+                cov[model, i, j] = P[model, i, j]
+        for i in range(moving):
+            mean[model, i] = 0.0
+            for j in range(n):
+                mean[model, i] += F[i, j] * x[model, j]
+                FP[i, j] = 0.0
+            for k in range(n):
+                factor = F[i, k]
+                if factor != 0.0:
+                    for j in range(n):
+                        FP[i, j] += factor * P[model, k, j]
+        for i in range(moving):
+            for j in range(i + 1):
+                total = factors[model, 0] * gyro[i, j] + factors[model, 1] * accel[i, j]
+                for k in range(n):
+                    total += FP[i, k] * F[j, k]
+                cov[model, i, j] = total
+                cov[model, j, i] = total
+            for j in range(moving, n):
+                cov[model, i, j] = FP[i, j]
+                cov[model, j, i] = FP[i, j]

@@ -12,18 +12,20 @@ Equations: docs/mathematics/filters.md#bank-of-inertial-solutions.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from sins_env.arrays import Array
+from sins_env.kernels import helper, kernel
 from solvers.blocks.conditioning import inverse_lower
-from solvers.blocks.mixtures import normalise
-from solvers.blocks.square_root import cholesky, symmetrize
+from solvers.blocks.square_root import cholesky
 from solvers.types import Gaussian, NoiseLaw
 
 STAY = 0.95  #: probability that a regime lasts until the next fix; else one is drawn anew
 OTHER = 0.025  #: probability of each regime but that of the told R
+SWEEPS = 20  #: most sweeps of Jacobi's method, of which five are usual
 STUDENT_LOGS = np.arange(-0.5, 2.75, 0.5)  #: log10 s^2 in the middle of the cells of Student-t
 
 
@@ -81,22 +83,126 @@ def update(x: Gaussian, nu: Array, H: Array, R: Array, p: Array, factors: Array,
         told: factors of R under the told law.
     """
     whiten = inverse_lower(cholesky(R)[0])
-    H = whiten @ H
-    PH = x.cov @ H.mT
-    a, U = np.linalg.eigh(symmetrize(H @ PH))
-    B = PH @ U
-    y = (U.mT @ (whiten @ nu[..., None]))[..., 0]
-    rho = np.multiply.outer(factors, told.factors).ravel()
-    S = np.maximum(a, 0.0)[..., None, :] + rho[:, None]  # (..., C F, m)
-    t = y[..., None, :] / S
-    log_likelihood = -0.5 * (np.log(S) + y[..., None, :] * t).sum(axis=-1)
-    prior = (p[..., None] * told.weights).reshape(*p.shape[:-1], -1)
-    logs = np.log(prior, out=np.full(prior.shape, -np.inf), where=prior > 0.0)
-    w, total = normalise(logs + log_likelihood)
-    w = np.where(prior > 0.0, w, 0.0)
-    mean = (w[..., None, :] @ t)[..., 0, :]
-    apart = t - mean[..., None, :]
-    known = (w[..., None, :] @ (1.0 / S))[..., 0, :]
-    change = (apart * w[..., None]).mT @ apart - known[..., None] * np.eye(len(R))
-    after = Gaussian(x.mean + (B @ mean[..., None])[..., 0], symmetrize(x.cov + B @ change @ B.mT))
-    return Update(after, total, w.reshape(*p.shape, -1).sum(axis=-1))
+    return Update(*_grouped(_update(x.mean, x.cov, nu, H, whiten, p, factors, told.factors, told.weights)))
+
+
+def _grouped(parts: tuple[Array, ...]) -> tuple[Gaussian, Array, Array]:
+    mean, cov, log_likelihood, regimes = parts
+    return Gaussian(mean, cov), log_likelihood, regimes
+
+
+@kernel("(n),(n,n),(m),(m,n),(m,m),(c),(c),(f),(f)->(n),(n,n),(),(c)")
+def _update(
+    x: Array, P: Array, nu: Array, H: Array, whiten: Array, p: Array, factors: Array, told: Array, shares: Array,
+    mean: Array, cov: Array, log_likelihood: Array, after: Array,
+) -> None:  # fmt: skip
+    n, m = len(x), len(nu)
+    white, PH, a, U, B = np.empty((m, n)), np.empty((n, m)), np.empty((m, m)), np.empty((m, m)), np.empty((n, m))
+    y, t = np.empty(m), np.empty((len(p) * len(told), m))
+    inverse, w = np.empty((len(p) * len(told), m)), np.empty(len(p) * len(told))
+    for i in range(m):  # L^-1 H, and y = L^-1 nu
+        y[i] = 0.0
+        for j in range(n):
+            white[i, j] = 0.0
+        for k in range(i + 1):
+            y[i] += whiten[i, k] * nu[k]
+            for j in range(n):
+                white[i, j] += whiten[i, k] * H[k, j]
+    for j in range(n):
+        for i in range(m):
+            PH[j, i] = 0.0
+            for k in range(n):
+                PH[j, i] += P[j, k] * white[i, k]
+    for i in range(m):
+        for j in range(m):
+            a[i, j] = 0.0
+            U[i, j] = 1.0 if i == j else 0.0
+            for k in range(n):
+                a[i, j] += white[i, k] * PH[k, j]
+    diagonalize(a, U)
+    for j in range(n):
+        for i in range(m):
+            B[j, i] = 0.0
+            for k in range(m):
+                B[j, i] += PH[j, k] * U[k, i]
+    for i in range(m):  # y in the axes of U; t's first row lends its place
+        t[0, i] = 0.0
+        for k in range(m):
+            t[0, i] += U[k, i] * y[k]
+    for i in range(m):
+        y[i] = t[0, i]
+    top = -math.inf
+    for c in range(len(p)):
+        for f in range(len(told)):
+            q = c * len(told) + f
+            prior = p[c] * shares[f]
+            log = math.log(prior) if prior > 0.0 else -math.inf
+            for i in range(m):
+                S = max(a[i, i], 0.0) + factors[c] * told[f]
+                inverse[q, i] = 1.0 / S
+                t[q, i] = y[i] / S
+                log -= 0.5 * (math.log(S) + y[i] * t[q, i])
+            w[q] = log
+            top = max(top, log)
+    total = 0.0
+    for q in range(len(w)):
+        w[q] = math.exp(w[q] - top)
+        total += w[q]
+    log_likelihood[0] = top + math.log(total)
+    for c in range(len(p)):
+        after[c] = 0.0
+        for f in range(len(told)):
+            w[c * len(told) + f] /= total
+            after[c] += w[c * len(told) + f]
+    expected = y  # E[t] takes the place of y
+    for i in range(m):
+        expected[i] = 0.0
+        for q in range(len(w)):
+            expected[i] += w[q] * t[q, i]
+    for i in range(m):  # a becomes Cov(t) - diag E[1 / (a + rho)]
+        for j in range(m):
+            a[i, j] = 0.0
+            for q in range(len(w)):
+                a[i, j] += w[q] * (t[q, i] - expected[i]) * (t[q, j] - expected[j])
+        for q in range(len(w)):
+            a[i, i] -= w[q] * inverse[q, i]
+    for j in range(n):
+        mean[j] = x[j]
+        for i in range(m):
+            mean[j] += B[j, i] * expected[i]
+            PH[j, i] = 0.0
+            for k in range(m):
+                PH[j, i] += B[j, k] * a[k, i]
+    for j in range(n):
+        for k in range(j + 1):
+            change = P[j, k]
+            for i in range(m):
+                change += PH[j, i] * B[k, i]
+            cov[j, k] = cov[k, j] = change
+
+
+@helper
+def diagonalize(a: Array, U: Array) -> None:
+    """Turn a symmetric a (m, m) into a diagonal matrix in place, and U (m, m) into U V with the eigenvectors V: Jacobi's method."""
+    m = len(a)
+    for _ in range(SWEEPS):
+        off, size = 0.0, 0.0
+        for i in range(m):
+            size += a[i, i] * a[i, i]
+            for j in range(i):
+                off += a[i, j] * a[i, j]
+        if not off > 1e-32 * size:
+            return
+        for i in range(m - 1):
+            for j in range(i + 1, m):
+                if abs(a[i, j]) <= 1e-18 * (abs(a[i, i]) + abs(a[j, j])):
+                    continue
+                theta = 0.5 * (a[j, j] - a[i, i]) / a[i, j]
+                tangent = math.copysign(1.0, theta) / (abs(theta) + math.sqrt(theta * theta + 1.0))
+                c = 1.0 / math.sqrt(tangent * tangent + 1.0)
+                s = tangent * c
+                for k in range(m):
+                    a[k, i], a[k, j] = c * a[k, i] - s * a[k, j], s * a[k, i] + c * a[k, j]
+                for k in range(m):
+                    a[i, k], a[j, k] = c * a[i, k] - s * a[j, k], s * a[i, k] + c * a[j, k]
+                    U[k, i], U[k, j] = c * U[k, i] - s * U[k, j], s * U[k, i] + c * U[k, j]

@@ -24,7 +24,8 @@ def test_mixing_is_the_enumeration_of_what_a_model_came_from():
     N, M, n = 3, models.count, 7
     x, p = states(rng, N, M, n), rng.dirichlet(np.ones(M), N)
     chain = models.chain(5.0)  # a long epoch, so that all changes count
-    found = models.mix(p, x, chain, B)
+    regimes = rng.dirichlet(np.ones(5), (N, M))
+    found = models.mix(p, x, regimes, chain, B)
     last = M - 1
     for k in range(N):
         for to in range(M):
@@ -42,7 +43,7 @@ def test_mixing_is_the_enumeration_of_what_a_model_came_from():
             cov = sum(w[j] * (covs[j] + np.outer(means[j] - mean, means[j] - mean)) for j in range(M))
             np.testing.assert_allclose(found.x.mean[k, to], mean, atol=1e-13)
             np.testing.assert_allclose(found.x.cov[k, to], cov, atol=1e-13)
-            np.testing.assert_allclose(found.share[k, to], w)
+            np.testing.assert_allclose(found.regimes[k, to], w @ regimes[k])
 
 
 @pytest.mark.parametrize("offset", [True, False])
@@ -60,15 +61,16 @@ def test_the_chain(offset):
         np.testing.assert_allclose(A[-1, -1], 0.99, atol=1e-4)
         half = models.chain(0.05)
         np.testing.assert_allclose(half @ half, A, atol=1e-5)  # the same chain in time
-    np.testing.assert_array_equal(models.gyro[:, 0, 0], [1.0, 1.0, 30.0, 30.0, *[1.0] * offset])
-    np.testing.assert_array_equal(models.accel[:, 0, 0], [1.0, 0.01, 0.01, 1e-4, *[1.0] * offset])
+    np.testing.assert_array_equal(models.noise[:, 0], [1.0, 1.0, 30.0, 30.0, *[1.0] * offset])
+    np.testing.assert_array_equal(models.noise[:, 1], [1.0, 0.01, 0.01, 1e-4, *[1.0] * offset])
 
 
 def test_one_model_stays_as_it_is():
     rng = np.random.default_rng(3)
     models = Models(((1.0, 1.0),), offset=False)
     x = Gaussian(rng.standard_normal((2, 1, 7)), spd(rng, 2, 1, 7))
-    found = models.mix(np.array([[1.0], [0.25]]), x, models.chain(0.1), B)
+    regimes = np.full((2, 1, 5), 0.2)
+    found = models.mix(np.array([[1.0], [0.25]]), x, regimes, models.chain(0.1), B)
     np.testing.assert_array_equal(found.weight, [[1.0], [0.25]])
     np.testing.assert_array_equal(found.x.mean, x.mean)
     np.testing.assert_array_equal(found.x.cov, x.cov)
@@ -76,14 +78,14 @@ def test_one_model_stays_as_it_is():
 
 def test_products_of_all_models_at_once():
     rng = np.random.default_rng(4)
-    F, x, Q = (
-        rng.standard_normal((3, 7, 7)),
-        Gaussian(rng.standard_normal((3, 4, 7)), spd(rng, 3, 4, 7)),
-        np.zeros((3, 4, 7, 7)),
-    )
-    F[:, 5:], Q[..., :5, :5] = np.eye(7)[5:], spd(rng, 3, 4, 5)
-    np.testing.assert_allclose(carried(F, x.cov, 5), F[:, None] @ x.cov @ F[:, None].mT, atol=1e-12)
-    after = propagate(x, F, Q, 5)
+    F, x = rng.standard_normal((3, 7, 7)), Gaussian(rng.standard_normal((3, 4, 7)), spd(rng, 3, 4, 7))
+    F[:, 5:] = np.eye(7)[5:]
+    gyro, accel, factors = np.zeros((3, 7, 7)), np.zeros((7, 7)), rng.random((4, 2))
+    gyro[:, :5, :5], accel[:5, :5] = spd(rng, 3, 5), spd(rng, 5)
+    carried_P = F[:, None] @ x.cov @ F[:, None].mT
+    np.testing.assert_allclose(carried(F, x.cov, 5), carried_P, atol=1e-12)
+    after = propagate(x, F, gyro, accel, factors, 5)
+    Q = factors[:, :1, None] * gyro[:, None] + factors[:, 1:, None] * accel
     np.testing.assert_allclose(after.mean, (F[:, None] @ x.mean[..., None])[..., 0], atol=1e-13)
-    np.testing.assert_allclose(after.cov, F[:, None] @ x.cov @ F[:, None].mT + Q, atol=1e-12)
+    np.testing.assert_allclose(after.cov, carried_P + Q, atol=1e-12)
     np.testing.assert_array_equal(after.cov, after.cov.mT)
