@@ -240,6 +240,23 @@ def correction(phi: Vector) -> Quaternion:
     return cz * cxcy - sz * sxsy, cz * sxcy - sz * cxsy, cz * cxsy + sz * sxcy, cz * sxsy + sz * cxcy
 
 
+@helper
+def skewed(a: Vector) -> Matrix:
+    """Return the matrix of a x."""
+    return 0.0, -a[2], a[1], a[2], 0.0, -a[0], -a[1], a[0], 0.0
+
+
+@helper
+def add_skew(k: float, a: Vector, out: Array, column: int) -> None:
+    """Add k times the matrix of a x to three columns of an array (3, n)."""
+    out[0, column + 1] -= k * a[2]
+    out[0, column + 2] += k * a[1]
+    out[1, column] += k * a[2]
+    out[1, column + 2] -= k * a[0]
+    out[2, column] -= k * a[1]
+    out[2, column + 1] += k * a[0]
+
+
 @reduction
 def inner(a: Array, b: Array, count: int) -> float:
     """Return the inner product of the first ``count`` numbers of two contiguous rows."""

@@ -20,9 +20,9 @@ from solvers.pipeline.aiding.gps import Gps, noise_law
 from solvers.pipeline.bank import regimes, start
 from solvers.pipeline.bank.models import Models, propagate
 from solvers.pipeline.bank.slices import Frame, Slices, join, normalised, sum_by_run
-from solvers.pipeline.errors.invariant import Growth, Invariant, Seen
+from solvers.pipeline.errors.invariant import Invariant, Seen
 from solvers.pipeline.errors.model import Parameter
-from solvers.pipeline.errors.navigation import NavigationErrors
+from solvers.pipeline.errors.navigation import NavigationErrors, slope
 from solvers.pipeline.strapdown import EpochMotion, Strapdown, StrapdownState, carried_sample
 from solvers.types import Gaussian, Health, Measurement
 
@@ -140,10 +140,9 @@ class Episode:
     def _predict(self, s: Slices, motion: EpochMotion, before: NavState) -> Slices:
         """Mix the models, and take them through the epoch of the INS."""
         a, b = self._coordinates.at(before), self._coordinates.at(s.ins.nav)
-        F = Growth(a, self._errors.transition(motion, self._Q_gyro).f, b).at_zero[1]
-        D = b.slope()  # it changes nothing in the noise of the accelerometers
+        F = b.multiplied(a.divided(slope(motion, self._errors.states)))
         mixed = self._models.mix(s.weight, s.x, s.regimes, self._chain, self._offset)
-        gyro = D @ self._Q_gyro @ D.mT
+        gyro = b.spread_noise(self._Q_gyro)  # the noise of the accelerometers stays as it is
         x = propagate(mixed.x, F, gyro, self._Q_accel, self._models.noise, self._frame.moving)
         return s._replace(weight=mixed.weight, mean=x.mean, cov=x.cov, regimes=mixed.regimes)
 
@@ -184,8 +183,7 @@ class Episode:
             view = self._frame.view(s, self._runs)
             runs = np.unique(s.run)
             at = s.take(view.top[runs]).ins.nav
-            x = self._coordinates.errors(self._frame.mean(s, view, self._runs)[runs], at)
-            nav = self._errors.corrected(self._frame.model, at, x)
+            nav = self._coordinates.corrected(self._frame.mean(s, view, self._runs)[runs], at)
             self._nav = NavState(*(_replaced(old, runs, new) for old, new in zip(self._nav, nav, strict=True)))
         answer = np.concatenate(self._nav, axis=-1) if self.task.navigate else self._nav.q_nb.copy()
         return answer[0] if self._single else answer

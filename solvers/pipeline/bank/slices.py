@@ -142,8 +142,7 @@ class Frame:
         """Feed the mean of each slice over its models back into its INS."""
         m = np.zeros((len(s.run), s.mean.shape[-1]))
         m[:, self.own] = conditional_mean(s.weight, s.mean)[:, self.own]
-        x = self.coordinates.errors(m, s.ins.nav)
-        nav = self.errors.corrected(self.model, s.ins.nav, x)
+        nav = self.coordinates.corrected(m, s.ins.nav)
         J = right_jacobian(m, self.errors.states)
         return s._replace(
             ins=s.ins._replace(nav=nav),

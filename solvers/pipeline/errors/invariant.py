@@ -14,6 +14,7 @@ docs/mathematics/error_models.md#invariant-coordinates.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
@@ -23,6 +24,26 @@ import numpy as np
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
 from sins_env.earth import Earth
+from sins_env.kernels import kernel
+from sins_env.kernels.algebra import (
+    add,
+    cross3,
+    dot,
+    from_rotvec,
+    mix,
+    multiply,
+    normalize,
+    product,
+    put_quaternion,
+    put_row,
+    quaternion,
+    row,
+    scale,
+    skewed,
+    subtract,
+    vector,
+)
+from sins_env.kernels.trigonometry import sincos
 from sins_env.states import Layout
 from sins_env.types import NavState
 from solvers.blocks.mixtures import spread, widen
@@ -84,14 +105,20 @@ class Invariant(Euler):
 
     def transition(self, tr: Transition, before: NavState, after: NavState) -> Transition:
         a, b = self.at(before), self.at(after)
-        D = b.slope()
-        return tr._replace(f=Growth(a, tr.f, b), Q=D @ tr.Q @ D.mT)
+        return tr._replace(f=Growth(a, tr.f, b), Q=b.spread_noise(tr.Q))
 
     def measurement(self, me: Measurement, nav: NavState) -> Measurement:
         return me._replace(h=Seen(self.at(nav), me.h))
 
     def errors(self, xi: Array, nav: NavState) -> Array:
         return self.at(nav).errors(xi)
+
+    def corrected(self, xi: Array, nav: NavState) -> NavState:
+        """Return the INS's state (..., ...) without the errors xi (..., n): Exp(-xi) X_hat."""
+        held = self.at(nav).held
+        q_nb, after = _corrected(nav.q_nb, held, xi)
+        pos = nav.pos if held.shape[-2] == 1 else earth.displace(self._model, nav.pos, (after - held)[..., 1, :])
+        return NavState(q_nb, after[..., 0, :], pos)
 
     def gaussian(self, xi: Gaussian, nav: NavState) -> Gaussian:
         chart = self.at(nav)
@@ -154,9 +181,7 @@ class Growth(Tangent):
 
     @cached_property
     def at_zero(self) -> tuple[Array, Array]:
-        F = self.g.slope()
-        self.before.divide(F)  # D_after F D_before^-1, with D the slopes of the coordinates
-        self.after.multiply(F)
+        F = self.after.multiplied(self.before.divided(self.g.slope()))
         return np.zeros(F.shape[:-1]), F
 
 
@@ -167,9 +192,7 @@ class Seen(Tangent):
     def at_zero(self) -> tuple[Array, Array]:
         zero = np.zeros(self.before.shape)
         y, H = tangent(self.g, zero, zero)
-        H = np.broadcast_to(H, (*y.shape, zero.shape[-1])).copy()
-        self.before.divide(H)
-        return y, H
+        return y, self.before.divided(H)
 
 
 class Reset(Through):
@@ -200,7 +223,7 @@ class Chart:
     """
 
     def __init__(self, held: Array, states: Layout) -> None:
-        self._held, self._size = held, states.size
+        self.held, self._size = held, states.size
         self.ndim = held.ndim - 1  #: number of axes of one xi per run
         self.shape = (*held.shape[:-2], states.size)  #: shape of one xi per run
         self._phi, *self._rows = (states[name] for name in ("phi", "dv", "dp")[: 1 + held.shape[-2]])
@@ -228,20 +251,22 @@ class Chart:
     def slope(self) -> Array:
         """Return d xi / d x at zero (..., n, n)."""
         n = self._size
-        D = np.broadcast_to(np.eye(n), (*self._held.shape[:-2], n, n)).copy()
+        D = np.broadcast_to(np.eye(n), (*self.held.shape[:-2], n, n)).copy()
         for i, rows in enumerate(self._rows):
-            D[..., rows, self._phi] = -attitude.skew(self._held[..., i, :])
+            D[..., rows, self._phi] = -attitude.skew(self.held[..., i, :])
         return D
 
-    def multiply(self, F: Array) -> None:
-        """Multiply F (..., n, n) from the left by the slope of these coordinates, in place."""
-        for i, rows in enumerate(self._rows):
-            F[..., rows, :] -= attitude.skew(self._held[..., i, :]) @ F[..., self._phi, :]
+    def multiplied(self, F: Array) -> Array:
+        """Return D F (..., n, m) for F (..., n, m), with the slope D of these coordinates."""
+        return np.asarray(_multiplied(F, self.held))
 
-    def divide(self, F: Array) -> None:
-        """Multiply F (..., n, n) from the right by the inverse of the slope of these coordinates, in place."""
-        for i, rows in enumerate(self._rows):
-            F[..., self._phi] += F[..., rows] @ attitude.skew(self._held[..., i, :])
+    def spread_noise(self, Q: Array) -> Array:
+        """Return D Q D' (..., n, n) for symmetric Q (..., n, n)."""
+        return self.multiplied(self.multiplied(Q).mT)
+
+    def divided(self, F: Array) -> Array:
+        """Return F D^-1 (..., m, n) for F (..., m, n), with the slope D of these coordinates."""
+        return np.asarray(_divided(F, self.held))
 
     def _slope(self, g: Function, x: Array, at_zero: Array) -> Array:
         """Return the Jacobian (..., n, n) of g at x; runs with a negligible x get ``at_zero``."""
@@ -258,8 +283,8 @@ class Chart:
     def _planes(self, x: Array, g: Callable[[Array, Array], Array]) -> Array:
         if x.ndim == self.ndim:
             return self._planes(x[..., None, :], g)[..., 0, :]
-        n, batch = x.ndim - 1, self._held.ndim - 2
-        held = self._held.transpose(batch, batch + 1, *range(batch))[..., None]
+        n, batch = x.ndim - 1, self.held.ndim - 2
+        held = self.held.transpose(batch, batch + 1, *range(batch))[..., None]
         if x.ndim > self.ndim + 1:  # components of a mixture, and points
             held = held[..., None]
         return np.ascontiguousarray(g(x.transpose(n, *range(n)), held).transpose(*range(1, n + 1), 0))
@@ -303,26 +328,89 @@ def right_jacobian(xi: Array, states: Layout) -> Array:
     J is the sum of A^k / (k + 1)! with A = [theta x, 0; xi_v x, theta x], and the same for a position. A^5 is a combination
     of A and A^3, so four terms are enough. Source: Barfoot & Furgale (2014), doi:10.1109/TRO.2014.2298059.
     """
-    phi, n = states["phi"], states.size
-    A = np.zeros((*xi.shape, n))
-    A[..., phi, phi] = turn = attitude.skew(xi[..., phi])
-    for rows in (states[name] for name in ("dv", "dp") if name in states):
-        A[..., rows, phi], A[..., rows, rows] = attitude.skew(xi[..., rows]), turn
-    t2 = np.add.reduce(xi[..., phi] ** 2, axis=-1)[..., None, None]
-    small, t2 = t2 < SMALL, np.maximum(t2, SMALL)
-    t = np.sqrt(t2)
-    s, c = np.sin(t), np.cos(t)
-    factors = (  # of A^4, A^3, A^2, A; series where theta is small
-        np.where(small, 1 / 120, (2.0 * t - 3.0 * s + t * c) / (2.0 * t2 * t2 * t)),
-        np.where(small, 1 / 24, (2.0 - t * s - 2.0 * c) / (2.0 * t2 * t2)),
-        np.where(small, 1 / 6, (4.0 * t - 5.0 * s + t * c) / (2.0 * t2 * t)),
-        np.where(small, 1 / 2, (4.0 - t * s - 4.0 * c) / (2.0 * t2)),
-    )
-    one = np.eye(n)
-    J = factors[0] * A
-    for factor in factors[1:]:
-        J = A @ (J + factor * one)
-    return J + one
+    J: Array = _right_jacobian(xi, 2 if "dp" in states else 1)
+    return J
+
+
+@kernel("(n),()->(n,n)", "dqd")
+def _right_jacobian(xi: Array, rows: int, J: Array) -> None:
+    n = len(xi)
+    for i in range(n):
+        for j in range(n):
+            J[i, j] = 1.0 if i == j else 0.0
+    theta = vector(xi)
+    t2 = dot(theta, theta)
+    if t2 != t2:
+        J[0, 0] = math.nan
+        return
+    c1, c2, c3, c4 = 1 / 2, 1 / 6, 1 / 24, 1 / 120  # of A, A^2, A^3, A^4
+    if t2 >= SMALL:
+        t = math.sqrt(t2)
+        s, c = sincos(t)
+        c1 = (4.0 - t * s - 4.0 * c) / (2.0 * t2)
+        c2 = (4.0 * t - 5.0 * s + t * c) / (2.0 * t2 * t)
+        c3 = (2.0 - t * s - 2.0 * c) / (2.0 * t2 * t2)
+        c4 = (2.0 * t - 3.0 * s + t * c) / (2.0 * t2 * t2 * t)
+    T = skewed(theta)
+    T2 = product(T, T)
+    turn = mix(c1 - t2 * c3, T, c2 - t2 * c4, T2)  # T^3 = -t^2 T
+    for block in range(rows + 1):
+        for i in range(3):
+            for j in range(3):
+                J[3 * block + i, 3 * block + j] += turn[3 * i + j]
+    for block in range(1, rows + 1):
+        V = skewed((xi[3 * block], xi[3 * block + 1], xi[3 * block + 2]))
+        TV, VT = product(T, V), product(V, T)
+        TVT, TTVT, TVTT = product(TV, T), product(T2, VT), product(TV, T2)
+        third = mix(1.0, mix(1.0, product(T2, V), 1.0, product(V, T2)), 1.0, TVT)
+        fourth = mix(1.0, mix(-t2, TV, -t2, VT), 1.0, mix(1.0, TTVT, 1.0, TVTT))
+        below = mix(1.0, mix(c1, V, c2, mix(1.0, TV, 1.0, VT)), 1.0, mix(c3, third, c4, fourth))
+        for i in range(3):
+            for j in range(3):
+                J[3 * block + i, j] = below[3 * i + j]
+
+
+@kernel("(4),(k,3),(n)->(4),(k,3)")
+def _corrected(q_nb: Array, held: Array, xi: Array, q: Array, after: Array) -> None:
+    """Return the attitude, and the vectors C' (value - eta) of velocity and place, with C' = Exp(theta x) and eta = J xi."""
+    theta = vector(xi)
+    put_quaternion(normalize(multiply(from_rotvec(theta), quaternion(q_nb))), q)
+    t2 = dot(theta, theta)
+    a1, a2, a3 = 1.0 - t2 / 6.0, 0.5 - t2 / 24.0, 1 / 6 - t2 / 120.0
+    if t2 == t2 and t2 >= SMALL:
+        t = math.sqrt(t2)
+        s, c = sincos(t)
+        a1, a2, a3 = s / t, (1.0 - c) / t2, (t - s) / (t2 * t)
+    for i in range(len(held)):
+        part = (xi[3 * i + 3], xi[3 * i + 4], xi[3 * i + 5])
+        once = cross3(theta, part)
+        eta = add(part, add(scale(-a2, once), scale(a3, cross3(theta, once))))
+        rest = subtract(row(held, i), eta)
+        once = cross3(theta, rest)
+        put_row(add(rest, add(scale(a1, once), scale(a2, cross3(theta, once)))), after, i)
+
+
+@kernel("(n,m),(k,3)->(n,m)")
+def _multiplied(F: Array, held: Array, out: Array) -> None:
+    for j in range(F.shape[1]):
+        for i in range(len(F)):
+            out[i, j] = F[i, j]
+        for k in range(len(held)):
+            change = cross3(row(held, k), (F[0, j], F[1, j], F[2, j]))
+            for i in range(3):
+                out[3 * k + 3 + i, j] -= change[i]
+
+
+@kernel("(m,n),(k,3)->(m,n)")
+def _divided(F: Array, held: Array, out: Array) -> None:
+    for i in range(len(F)):
+        for j in range(F.shape[1]):
+            out[i, j] = F[i, j]
+        for k in range(len(held)):
+            f = (F[i, 3 * k + 3], F[i, 3 * k + 4], F[i, 3 * k + 5])
+            change = cross3(f, row(held, k))  # f' (held x) = (f x held)'
+            for j in range(3):
+                out[i, j] += change[j]
 
 
 def turned(theta: Array, y: Array, a: Array | float, b: Array) -> Array:

@@ -23,7 +23,9 @@ import numpy as np
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array
-from sins_env.earth import Earth
+from sins_env.earth import FREE_AIR, Earth
+from sins_env.kernels import kernel
+from sins_env.kernels.algebra import add, add_skew, cross3, scale, vector
 from sins_env.prior import Prior
 from sins_env.states import ERRORS, Block, Layout
 from sins_env.types import NavState
@@ -113,49 +115,86 @@ class NavigationMap(EpochMap):
         return turn, shift
 
     def slope(self) -> Array:
-        """Return the Jacobian (..., n, n) of the map at zero errors: ``advance`` to first order, line by line."""
-        m, h, n = self._motion, self._h, self._states.size
-        batch = m.dvel_n.shape[:-1]
-        half_force = 0.5 * attitude.skew(m.dvel_n)
-        accel = (h * ACCEL_UNIT) * m.C
-        v, r, gain = (
-            np.zeros((*batch, 3, n)) for _ in range(3)
-        )  # rows of the velocity at mid-epoch, of r and of the gain
-        v[..., PHI], v[..., DV], v[..., self._nabla] = half_force, np.eye(3), 0.5 * accel
-        transport = h * m.transport * [1.0, 1.0, 0.0]
-        d_coriolis = transport @ v
-        r += d_coriolis
-        r[..., PHI] -= attitude.skew(h * (m.rate_ie + m.rate_en))
-        r[..., self._eps] -= (h * GYRO_UNIT) * m.C
-        gain[..., PHI], gain[..., self._nabla] = 2.0 * half_force, accel
-        F = np.broadcast_to(np.eye(n), (*batch, n, n)).copy()
-        if self._position:
-            turn, ie, shift, gravity = self._place_slopes()
-            mid = np.zeros((3, n))  # rows of the position error at mid-epoch
-            mid[:, DV], mid[:, DP] = 0.5 * h * np.eye(3), np.eye(3)
-            r += (turn + ie) @ mid
-            d_coriolis = d_coriolis + (turn + 2.0 * ie) @ mid
-            gain += gravity @ mid
-            F[..., DP, :] += shift @ mid
-        gain += half_force @ r - attitude.skew(h * (2 * m.rate_ie + m.rate_en)) @ v + attitude.skew(m.vel) @ d_coriolis
-        F[..., PHI, :] += r
-        F[..., DV, :] += gain
-        if self._position:
-            F[..., DP, DV] += h * np.eye(3)
-            F[..., DP, :] += 0.5 * h * gain
-        return F
+        """Return the Jacobian (..., n, n) of the map at zero errors."""
+        return slope(self._motion, self._states)
 
-    def _place_slopes(self) -> tuple[Array, Array, Array, Array]:
-        """Return what a position error changes, (..., 3, 3) each: omega_en and omega_ie of the epoch, dp, and gravity."""
-        turn, ie, shift, gravity = (np.zeros((*self._motion.dvel_n.shape[:-1], 3, 3)) for _ in range(4))
-        for i, unit in enumerate(np.eye(3)):
-            p = unit.reshape(3, *(1,) * (self._vel.ndim - 1))
-            turned, shifted = self._curved(self._vel, np.broadcast_to(p, self._vel.shape))
-            turn[..., i] = np.moveaxis(turned[..., 0], 0, -1)
-            shift[..., :2, i] = np.moveaxis(shifted[..., 0], 0, -1)
-        ie[..., 1:, 1] = np.moveaxis(self._ie[..., 0], 0, -1)
-        gravity[..., 2, 1], gravity[..., 2, 2] = self._gravity_north[..., 0], self._h * earth.FREE_AIR
-        return turn, ie, shift, gravity
+
+def slope(m: EpochMotion, states: Layout) -> Array:
+    """Return the Jacobian (..., n, n) of the map of an epoch at zero errors: ``NavigationMap.advance`` to first order."""
+    F: Array = _slope(
+        m.C, m.dvel_n, m.vel, m.rate_ie, m.rate_en, m.transport, m.gravity_slope, m.dt, "dp" in states, states.si
+    )
+    return F
+
+
+@kernel("(3,3),(3),(3),(3),(3),(3,3),(),(),(),(n)->(n,n)", "dddddddd?dd")
+def _slope(
+    C: Array, force: Array, vel: Array, rate_ie: Array, rate_en: Array, transport: Array, gravity_slope: float,
+    h: float, position: bool, si: Array, F: Array,
+) -> None:  # fmt: skip
+    n, eps = len(si), 9 if position else 6
+    nabla = eps + 3
+    # rows of the velocity at mid-epoch, of d_omega in the Coriolis terms, of r, and of the gain of velocity
+    v, d_coriolis, r, gain = np.zeros((3, n)), np.zeros((3, n)), np.zeros((3, n)), np.zeros((3, n))
+    f, u = vector(force), vector(vel)
+    add_skew(0.5, f, v, 0)
+    add_skew(1.0, f, gain, 0)
+    for i in range(3):
+        v[i, 3 + i] = 1.0
+        for j in range(3):
+            v[i, nabla + j] = 0.5 * h * ACCEL_UNIT * C[i, j]
+            gain[i, nabla + j] = h * ACCEL_UNIT * C[i, j]
+    for i in range(3):
+        for j in range(n):
+            d_coriolis[i, j] = h * (transport[i, 0] * v[0, j] + transport[i, 1] * v[1, j])
+            r[i, j] = d_coriolis[i, j]
+        for j in range(3):
+            r[i, eps + j] -= h * GYRO_UNIT * C[i, j]
+    add_skew(-h, add(vector(rate_ie), vector(rate_en)), r, 0)
+    for i in range(n):
+        for j in range(n):
+            F[i, j] = 1.0 if i == j else 0.0
+    if position:
+        E, N = transport[1, 0], -transport[0, 1]  # 1 / (R_N + h), 1 / (R_M + h)
+        tan, east, north = transport[2, 0] / E, h * E * u[0], h * N * u[1]
+        for k in range(6):
+            j = 3 + k  # a velocity error moves the position at mid-epoch by half an epoch
+            w = 0.5 * h if k < 3 else 1.0
+            if k % 3 == 0:
+                F[6, j] += w * h * (u[2] * E - u[1] * N * tan)
+            elif k % 3 == 1:
+                ie = (-h * N * rate_ie[2], h * N * rate_ie[1])
+                turn = east * (1.0 + tan * tan) * N
+                d_coriolis[1, j] += w * 2.0 * ie[0]
+                d_coriolis[2, j] += w * (2.0 * ie[1] + turn)
+                r[1, j] += w * ie[0]
+                r[2, j] += w * (ie[1] + turn)
+                gain[2, j] -= w * h * N * gravity_slope
+                F[6, j] += w * east * tan * N / E
+                F[7, j] += w * h * u[2] * N
+            else:
+                lever = (north * N, -east * E, -east * tan * E)
+                for i in range(3):
+                    d_coriolis[i, j] += w * lever[i]
+                    r[i, j] += w * lever[i]
+                gain[2, j] += w * h * FREE_AIR
+                F[6, j] -= w * east
+                F[7, j] -= w * north
+    coriolis = scale(-h, add(scale(2.0, vector(rate_ie)), vector(rate_en)))
+    for j in range(n):
+        more = cross3(scale(0.5, f), (r[0, j], r[1, j], r[2, j]))
+        more = add(more, cross3(coriolis, (v[0, j], v[1, j], v[2, j])))
+        more = add(more, cross3(u, (d_coriolis[0, j], d_coriolis[1, j], d_coriolis[2, j])))
+        for i in range(3):
+            gain[i, j] += more[i]
+    for i in range(3):
+        for j in range(n):
+            F[i, j] += r[i, j]
+            F[3 + i, j] += gain[i, j]
+            if position:
+                F[6 + i, j] += 0.5 * h * gain[i, j]
+        if position:
+            F[6 + i, 3 + i] += h
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,7 @@ def test_reset_is_the_product_of_exponentials():
     before = navs(HELD[:, 0], earth.displace(model, site, HELD[:, 1]))
     x_hat = coordinates.errors(xi_hat, before)
     after = navs(before.vel - x_hat[:, DV], earth.displace(model, before.pos, -x_hat[:, DP]))
-    g, jacobian = coordinates.reset(feedback.reset_maps(x_hat, PHI, slice(3, None)), before, after)
+    g, jacobian = coordinates.reset(feedback.reset_maps(x_hat, PHI, slice(3, 15)), before, after)
     for hat, row, left in zip(xi_hat, xi, g(xi), strict=True):
         expected = expm(-algebra(hat)) @ expm(algebra(row))
         np.testing.assert_allclose(expm(algebra(left)), expected, atol=3e-3)  # metres on an ellipsoid over 100 m
