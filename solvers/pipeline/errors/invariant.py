@@ -14,7 +14,6 @@ docs/mathematics/error_models.md#invariant-coordinates.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
@@ -24,30 +23,11 @@ import numpy as np
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
 from sins_env.earth import Earth
-from sins_env.kernels import kernel
-from sins_env.kernels.algebra import (
-    add,
-    cross3,
-    dot,
-    from_rotvec,
-    mix,
-    multiply,
-    normalize,
-    product,
-    put_quaternion,
-    put_row,
-    quaternion,
-    row,
-    scale,
-    skewed,
-    subtract,
-    vector,
-)
-from sins_env.kernels.trigonometry import sincos
 from sins_env.states import Layout
 from sins_env.types import NavState
 from solvers.blocks.mixtures import spread, widen
 from solvers.blocks.moments import tangent
+from solvers.pipeline.errors import group
 from solvers.pipeline.errors.navigation import NavigationMap
 from solvers.types import Function, Gaussian, Measurement, Transition
 
@@ -56,7 +36,6 @@ Maps = tuple[Function, Callable[[Array], Array]]  #: a function and its Jacobian
 COORDINATES = ("euler", "invariant")
 SCALE = 0.1  #: size of errors for the steps of numerical Jacobians: 6e-4 deg, 1e-5 m/s and 1e-5 m
 NOTHING = 1e-9  #: size of errors that count as zero for a Jacobian, because rounding leaves them after a reset
-SMALL = 1e-4  #: squared angle below which series are used
 
 
 class Euler:
@@ -116,7 +95,7 @@ class Invariant(Euler):
     def corrected(self, xi: Array, nav: NavState) -> NavState:
         """Return the INS's state (..., ...) without the errors xi (..., n): Exp(-xi) X_hat."""
         held = self.at(nav).held
-        q_nb, after = _corrected(nav.q_nb, held, xi)
+        q_nb, after = group.corrected(nav.q_nb, held, xi)
         pos = nav.pos if held.shape[-2] == 1 else earth.displace(self._model, nav.pos, (after - held)[..., 1, :])
         return NavState(q_nb, after[..., 0, :], pos)
 
@@ -209,10 +188,10 @@ class Reset(Through):
 
     def jacobian(self, xi: Array) -> Array:
         left = self(xi)
-        J, away = right_jacobian(xi, self._states), _away(left)
+        J, away = group.right_jacobian(xi, self._states), _away(left)
         if not away.any():
             return J
-        return np.where(away[..., None, None], np.linalg.solve(right_jacobian(left, self._states), J), J)
+        return np.where(away[..., None, None], np.linalg.solve(group.right_jacobian(left, self._states), J), J)
 
 
 class Chart:
@@ -234,11 +213,11 @@ class Chart:
 
     def errors(self, xi: Array) -> Array:
         """Return x (..., n) for xi (..., n)."""
-        return self._planes(xi, self._errors)
+        return np.asarray(group.errors(xi, self._held(xi)))
 
     def invariant(self, x: Array) -> Array:
         """Return xi (..., n) for x (..., n)."""
-        return self._planes(x, self._invariant)
+        return np.asarray(group.logarithm(x, self._held(x)))
 
     def errors_slope(self, xi: Array) -> Array:
         """Return d x / d xi (..., n, n), in closed form at zero, where a closed loop keeps the errors."""
@@ -258,7 +237,7 @@ class Chart:
 
     def multiplied(self, F: Array) -> Array:
         """Return D F (..., n, m) for F (..., n, m), with the slope D of these coordinates."""
-        return np.asarray(_multiplied(F, self.held))
+        return np.asarray(group.multiplied(F, self.held))
 
     def spread_noise(self, Q: Array) -> Array:
         """Return D Q D' (..., n, n) for symmetric Q (..., n, n)."""
@@ -266,7 +245,7 @@ class Chart:
 
     def divided(self, F: Array) -> Array:
         """Return F D^-1 (..., m, n) for F (..., m, n), with the slope D of these coordinates."""
-        return np.asarray(_divided(F, self.held))
+        return np.asarray(group.divided(F, self.held))
 
     def _slope(self, g: Function, x: Array, at_zero: Array) -> Array:
         """Return the Jacobian (..., n, n) of g at x; runs with a negligible x get ``at_zero``."""
@@ -280,155 +259,11 @@ class Chart:
         J[..., changes, changes] = tangent(g, x[..., changes], np.full_like(x[..., changes], SCALE))[1]
         return np.where(away[..., None, None], J, at_zero)
 
-    def _planes(self, x: Array, g: Callable[[Array, Array], Array]) -> Array:
-        if x.ndim == self.ndim:
-            return self._planes(x[..., None, :], g)[..., 0, :]
-        n, batch = x.ndim - 1, self.held.ndim - 2
-        held = self.held.transpose(batch, batch + 1, *range(batch))[..., None]
-        if x.ndim > self.ndim + 1:  # components of a mixture, and points
-            held = held[..., None]
-        return np.ascontiguousarray(g(x.transpose(n, *range(n)), held).transpose(*range(1, n + 1), 0))
-
-    def _errors(self, X: Array, held: Array) -> Array:
-        theta = X[self._phi]
-        a1, a2, a3, _ = coefficients(theta)
-        out = X.copy()
-        x, y, z = theta
-        phi = out[self._phi]
-        phi[0] = np.arcsin(np.clip(a1 * x + a2 * y * z, -1.0, 1.0))
-        phi[1] = np.arctan2(a1 * y - a2 * x * z, 1.0 - a2 * (x * x + y * y))
-        phi[2] = np.arctan2(a1 * z - a2 * x * y, 1.0 - a2 * (x * x + z * z))
-        for rows, value in zip(self._rows, held, strict=True):
-            eta = turned(theta, X[rows], -a2, a3)
-            out[rows] = value - turned(theta, value - eta, a1, a2)  # C' = Exp(theta x)
-        return out
-
-    def _invariant(self, X: Array, held: Array) -> Array:
-        q = np.moveaxis(attitude.correction_quaternion(np.moveaxis(X[self._phi], 0, -1)), -1, 0)  # of C'
-        q = np.where(q[0] < 0.0, -q, q)
-        sine = np.sqrt(np.add.reduce(q[1:] * q[1:], axis=0))
-        out = X.copy()
-        theta = out[self._phi]
-        theta[:] = q[1:] * np.where(sine > 1e-8, 2.0 * np.arctan2(sine, q[0]) / np.maximum(sine, 1e-8), 2.0)
-        a1, a2, _, c = coefficients(theta)
-        for rows, value in zip(self._rows, held, strict=True):
-            eta = value - turned(theta, value - X[rows], -a1, a2)
-            out[rows] = turned(theta, eta, 0.5, c)
-        return out
+    def _held(self, x: Array) -> Array:
+        """Return the vectors for points or components x (..., n), with axes of one for these."""
+        return self.held.reshape(*self.held.shape[:-2], *(1,) * (x.ndim - self.ndim), *self.held.shape[-2:])
 
 
 def _away(x: Array) -> Mask:
     """Return whether the errors x (..., n) are more than what rounding leaves, (...)."""
     return np.asarray(np.abs(x).max(axis=-1) > NOTHING)
-
-
-def right_jacobian(xi: Array, states: Layout) -> Array:
-    """Return J (..., n, n) with Exp(xi + d) = Exp(xi) Exp(J d) to first order in d (..., n); biases have the identity.
-
-    J is the sum of A^k / (k + 1)! with A = [theta x, 0; xi_v x, theta x], and the same for a position. A^5 is a combination
-    of A and A^3, so four terms are enough. Source: Barfoot & Furgale (2014), doi:10.1109/TRO.2014.2298059.
-    """
-    J: Array = _right_jacobian(xi, 2 if "dp" in states else 1)
-    return J
-
-
-@kernel("(n),()->(n,n)", "dqd")
-def _right_jacobian(xi: Array, rows: int, J: Array) -> None:
-    n = len(xi)
-    for i in range(n):
-        for j in range(n):
-            J[i, j] = 1.0 if i == j else 0.0
-    theta = vector(xi)
-    t2 = dot(theta, theta)
-    if t2 != t2:
-        J[0, 0] = math.nan
-        return
-    c1, c2, c3, c4 = 1 / 2, 1 / 6, 1 / 24, 1 / 120  # of A, A^2, A^3, A^4
-    if t2 >= SMALL:
-        t = math.sqrt(t2)
-        s, c = sincos(t)
-        c1 = (4.0 - t * s - 4.0 * c) / (2.0 * t2)
-        c2 = (4.0 * t - 5.0 * s + t * c) / (2.0 * t2 * t)
-        c3 = (2.0 - t * s - 2.0 * c) / (2.0 * t2 * t2)
-        c4 = (2.0 * t - 3.0 * s + t * c) / (2.0 * t2 * t2 * t)
-    T = skewed(theta)
-    T2 = product(T, T)
-    turn = mix(c1 - t2 * c3, T, c2 - t2 * c4, T2)  # T^3 = -t^2 T
-    for block in range(rows + 1):
-        for i in range(3):
-            for j in range(3):
-                J[3 * block + i, 3 * block + j] += turn[3 * i + j]
-    for block in range(1, rows + 1):
-        V = skewed((xi[3 * block], xi[3 * block + 1], xi[3 * block + 2]))
-        TV, VT = product(T, V), product(V, T)
-        TVT, TTVT, TVTT = product(TV, T), product(T2, VT), product(TV, T2)
-        third = mix(1.0, mix(1.0, product(T2, V), 1.0, product(V, T2)), 1.0, TVT)
-        fourth = mix(1.0, mix(-t2, TV, -t2, VT), 1.0, mix(1.0, TTVT, 1.0, TVTT))
-        below = mix(1.0, mix(c1, V, c2, mix(1.0, TV, 1.0, VT)), 1.0, mix(c3, third, c4, fourth))
-        for i in range(3):
-            for j in range(3):
-                J[3 * block + i, j] = below[3 * i + j]
-
-
-@kernel("(4),(k,3),(n)->(4),(k,3)")
-def _corrected(q_nb: Array, held: Array, xi: Array, q: Array, after: Array) -> None:
-    """Return the attitude, and the vectors C' (value - eta) of velocity and place, with C' = Exp(theta x) and eta = J xi."""
-    theta = vector(xi)
-    put_quaternion(normalize(multiply(from_rotvec(theta), quaternion(q_nb))), q)
-    t2 = dot(theta, theta)
-    a1, a2, a3 = 1.0 - t2 / 6.0, 0.5 - t2 / 24.0, 1 / 6 - t2 / 120.0
-    if t2 == t2 and t2 >= SMALL:
-        t = math.sqrt(t2)
-        s, c = sincos(t)
-        a1, a2, a3 = s / t, (1.0 - c) / t2, (t - s) / (t2 * t)
-    for i in range(len(held)):
-        part = (xi[3 * i + 3], xi[3 * i + 4], xi[3 * i + 5])
-        once = cross3(theta, part)
-        eta = add(part, add(scale(-a2, once), scale(a3, cross3(theta, once))))
-        rest = subtract(row(held, i), eta)
-        once = cross3(theta, rest)
-        put_row(add(rest, add(scale(a1, once), scale(a2, cross3(theta, once)))), after, i)
-
-
-@kernel("(n,m),(k,3)->(n,m)")
-def _multiplied(F: Array, held: Array, out: Array) -> None:
-    for j in range(F.shape[1]):
-        for i in range(len(F)):
-            out[i, j] = F[i, j]
-        for k in range(len(held)):
-            change = cross3(row(held, k), (F[0, j], F[1, j], F[2, j]))
-            for i in range(3):
-                out[3 * k + 3 + i, j] -= change[i]
-
-
-@kernel("(m,n),(k,3)->(m,n)")
-def _divided(F: Array, held: Array, out: Array) -> None:
-    for i in range(len(F)):
-        for j in range(F.shape[1]):
-            out[i, j] = F[i, j]
-        for k in range(len(held)):
-            f = (F[i, 3 * k + 3], F[i, 3 * k + 4], F[i, 3 * k + 5])
-            change = cross3(f, row(held, k))  # f' (held x) = (f x held)'
-            for j in range(3):
-                out[i, j] += change[j]
-
-
-def turned(theta: Array, y: Array, a: Array | float, b: Array) -> Array:
-    """Return y + a theta x y + b theta x (theta x y) for theta and y (3, ...)."""
-    once = attitude.cross_planes(theta, y)
-    moved: Array = y + a * once + b * attitude.cross_planes(theta, once)
-    return moved
-
-
-def coefficients(theta: Array) -> tuple[Array, Array, Array, Array]:
-    """Return sin t / t, (1 - cos t) / t^2, (1 - sin t / t) / t^2 and (1 - (t / 2) cot(t / 2)) / t^2 with t = |theta|.
-
-    ``theta`` is (3, ...) in rad.
-    """
-    t2 = np.add.reduce(theta * theta, axis=0)
-    t = np.sqrt(t2)
-    a1, a2 = np.sinc(t / np.pi), 0.5 * np.sinc(0.5 * t / np.pi) ** 2
-    small, safe = t2 < SMALL, np.maximum(t2, SMALL)
-    a3 = np.where(small, 1 / 6 - t2 / 120, (1.0 - a1) / safe)
-    c = np.where(small, 1 / 12 + t2 / 720, (1.0 - 0.5 * a1 / a2) / safe)
-    return a1, a2, a3, c

@@ -10,7 +10,8 @@ from solvers.blocks.moments import tangent
 from solvers.filters import make_filter
 from solvers.pipeline import feedback, strapdown
 from solvers.pipeline.aiding.gps import Fix
-from solvers.pipeline.errors.invariant import Chart, Invariant, right_jacobian
+from solvers.pipeline.errors.group import right_jacobian
+from solvers.pipeline.errors.invariant import Chart, Invariant
 from solvers.pipeline.errors.model import Parameter
 from solvers.pipeline.errors.navigation import DP, DV, PHI, STATES, WITHOUT_POSITION, NavigationErrors
 from solvers.pipeline.strapdown import EpochMotion

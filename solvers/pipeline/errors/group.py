@@ -1,0 +1,189 @@
+"""The group SE_2(3) of attitude, velocity and place, in the order of the states phi, dv, dp; other states stay as they are.
+
+``held`` (..., k, 3) is the INS's velocity in m/s and, with k = 2, its place in metres from the site. Equations:
+docs/mathematics/error_models.md#invariant-coordinates.
+"""
+
+from __future__ import annotations
+
+import math
+
+from sins_env.arrays import Array
+from sins_env.kernels import helper, kernel
+from sins_env.kernels.algebra import (
+    Vector,
+    add,
+    correction,
+    cross3,
+    dot,
+    from_rotvec,
+    mix,
+    multiply,
+    normalize,
+    product,
+    put_quaternion,
+    put_row,
+    quaternion,
+    row,
+    scale,
+    skewed,
+    subtract,
+    vector,
+)
+from sins_env.kernels.trigonometry import sincos
+from sins_env.states import Layout
+
+SMALL = 1e-4  #: squared angle below which series are used
+
+
+@helper
+def part(x: Array, i: int) -> Vector:
+    """Return the error of velocity (i = 0) or place (i = 1) among the errors (n,)."""
+    return x[3 * i + 3], x[3 * i + 4], x[3 * i + 5]
+
+
+@helper
+def put_part(a: Vector, x: Array, i: int) -> None:
+    """Write the error of velocity (i = 0) or place (i = 1) into the errors (n,)."""
+    x[3 * i + 3], x[3 * i + 4], x[3 * i + 5] = a
+
+
+@helper
+def turned(theta: Vector, y: Vector, a: float, b: float) -> Vector:
+    """Return y + a theta x y + b theta x (theta x y)."""
+    once = cross3(theta, y)
+    return add(y, add(scale(a, once), scale(b, cross3(theta, once))))
+
+
+@helper
+def coefficients(theta: Vector) -> tuple[float, float, float, float]:
+    """Return sin t / t, (1 - cos t) / t^2, (1 - sin t / t) / t^2 and (1 - (t / 2) cot(t / 2)) / t^2 with t = |theta|, rad."""
+    t2 = dot(theta, theta)
+    if t2 != t2 or t2 < SMALL:
+        return 1.0 - t2 / 6.0 + t2 * t2 / 120.0, 0.5 - t2 / 24.0 + t2 * t2 / 720.0, 1 / 6 - t2 / 120, 1 / 12 + t2 / 720
+    t = math.sqrt(t2)
+    s, c = sincos(0.5 * t)
+    a1, a2 = 2.0 * s * c / t, 2.0 * s * s / t2
+    return a1, a2, (1.0 - a1) / t2, (1.0 - 0.5 * a1 / a2) / t2
+
+
+@kernel("(n),(k,3)->(n)")
+def errors(xi: Array, held: Array, x: Array) -> None:
+    """Return the errors x (..., n) of the model, with the misalignment as Euler angles, for xi (..., n)."""
+    theta = vector(xi)
+    a1, a2, a3, _ = coefficients(theta)
+    tx, ty, tz = theta
+    for j in range(len(xi)):
+        x[j] = xi[j]
+    x[0] = math.asin(min(max(a1 * tx + a2 * ty * tz, -1.0), 1.0))
+    x[1] = math.atan2(a1 * ty - a2 * tx * tz, 1.0 - a2 * (tx * tx + ty * ty))
+    x[2] = math.atan2(a1 * tz - a2 * tx * ty, 1.0 - a2 * (tx * tx + tz * tz))
+    for i in range(len(held)):
+        value = row(held, i)
+        eta = turned(theta, part(xi, i), -a2, a3)
+        put_part(subtract(value, turned(theta, subtract(value, eta), a1, a2)), x, i)  # C' = Exp(theta x)
+
+
+@kernel("(n),(k,3)->(n)")
+def logarithm(x: Array, held: Array, xi: Array) -> None:
+    """Return xi (..., n) for the errors x (..., n) of the model."""
+    w, a, b, c = correction(vector(x))  # the quaternion of C'
+    sign = math.copysign(1.0, w)
+    sine = math.sqrt(a * a + b * b + c * c)
+    angle = 2.0 * math.atan2(sine, abs(w)) / sine if sine > 1e-8 else 2.0
+    theta = scale(sign * angle, (a, b, c))
+    a1, a2, _, half = coefficients(theta)
+    for j in range(len(x)):
+        xi[j] = x[j]
+    xi[0], xi[1], xi[2] = theta
+    for i in range(len(held)):
+        value = row(held, i)
+        eta = subtract(value, turned(theta, subtract(value, part(x, i)), -a1, a2))
+        put_part(turned(theta, eta, 0.5, half), xi, i)
+
+
+def right_jacobian(xi: Array, states: Layout) -> Array:
+    """Return J (..., n, n) with Exp(xi + d) = Exp(xi) Exp(J d) to first order in d (..., n); biases have the identity.
+
+    J is the sum of A^k / (k + 1)! with A = [theta x, 0; xi_v x, theta x], and the same for a position. A^5 is a combination
+    of A and A^3, so four terms are enough. Source: Barfoot & Furgale (2014), doi:10.1109/TRO.2014.2298059.
+    """
+    J: Array = _right_jacobian(xi, 2 if "dp" in states else 1)
+    return J
+
+
+@kernel("(n),()->(n,n)", "dqd")
+def _right_jacobian(xi: Array, rows: int, J: Array) -> None:
+    n = len(xi)
+    for i in range(n):
+        for j in range(n):
+            J[i, j] = 1.0 if i == j else 0.0
+    theta = vector(xi)
+    t2 = dot(theta, theta)
+    if t2 != t2:
+        J[0, 0] = math.nan
+        return
+    c1, c2, c3, c4 = 1 / 2, 1 / 6, 1 / 24, 1 / 120  # of A, A^2, A^3, A^4
+    if t2 >= SMALL:
+        t = math.sqrt(t2)
+        s, c = sincos(t)
+        c1 = (4.0 - t * s - 4.0 * c) / (2.0 * t2)
+        c2 = (4.0 * t - 5.0 * s + t * c) / (2.0 * t2 * t)
+        c3 = (2.0 - t * s - 2.0 * c) / (2.0 * t2 * t2)
+        c4 = (2.0 * t - 3.0 * s + t * c) / (2.0 * t2 * t2 * t)
+    T = skewed(theta)
+    T2 = product(T, T)
+    turn = mix(c1 - t2 * c3, T, c2 - t2 * c4, T2)  # T^3 = -t^2 T
+    for block in range(rows + 1):
+        for i in range(3):
+            for j in range(3):
+                J[3 * block + i, 3 * block + j] += turn[3 * i + j]
+    for block in range(1, rows + 1):
+        V = skewed((xi[3 * block], xi[3 * block + 1], xi[3 * block + 2]))
+        TV, VT = product(T, V), product(V, T)
+        TVT, TTVT, TVTT = product(TV, T), product(T2, VT), product(TV, T2)
+        third = mix(1.0, mix(1.0, product(T2, V), 1.0, product(V, T2)), 1.0, TVT)
+        fourth = mix(1.0, mix(-t2, TV, -t2, VT), 1.0, mix(1.0, TTVT, 1.0, TVTT))
+        below = mix(1.0, mix(c1, V, c2, mix(1.0, TV, 1.0, VT)), 1.0, mix(c3, third, c4, fourth))
+        for i in range(3):
+            for j in range(3):
+                J[3 * block + i, j] = below[3 * i + j]
+
+
+@kernel("(4),(k,3),(n)->(4),(k,3)")
+def corrected(q_nb: Array, held: Array, xi: Array, q: Array, after: Array) -> None:
+    """Return Exp(-xi) X_hat: the attitude (..., 4), and velocity and place C' (held - eta), (..., k, 3).
+
+    C' = Exp(theta x), and eta is J times the errors of velocity and place.
+    """
+    theta = vector(xi)
+    put_quaternion(normalize(multiply(from_rotvec(theta), quaternion(q_nb))), q)
+    a1, a2, a3, _ = coefficients(theta)
+    for i in range(len(held)):
+        eta = turned(theta, part(xi, i), -a2, a3)
+        put_row(turned(theta, subtract(row(held, i), eta), a1, a2), after, i)
+
+
+@kernel("(n,m),(k,3)->(n,m)")
+def multiplied(F: Array, held: Array, out: Array) -> None:
+    """Return D F (..., n, m), with the slope D = d xi / d x at zero: -held x in the rows of velocity and place on phi."""
+    for j in range(F.shape[1]):
+        for i in range(len(F)):
+            out[i, j] = F[i, j]
+        for k in range(len(held)):
+            change = cross3(row(held, k), (F[0, j], F[1, j], F[2, j]))
+            for i in range(3):
+                out[3 * k + 3 + i, j] -= change[i]
+
+
+@kernel("(m,n),(k,3)->(m,n)")
+def divided(F: Array, held: Array, out: Array) -> None:
+    """Return F D^-1 (..., m, n), with the slope D = d xi / d x at zero."""
+    for i in range(len(F)):
+        for j in range(F.shape[1]):
+            out[i, j] = F[i, j]
+        for k in range(len(held)):
+            f = (F[i, 3 * k + 3], F[i, 3 * k + 4], F[i, 3 * k + 5])
+            change = cross3(f, row(held, k))  # f' (held x) = (f x held)'
+            for j in range(3):
+                out[i, j] += change[j]
