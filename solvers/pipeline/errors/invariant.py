@@ -71,12 +71,19 @@ class Invariant(Euler):
 
     def __init__(self, model: Earth, site_pos: Array, states: Layout) -> None:
         self._model, self._site, self._states = model, np.asarray(site_pos), states
+        self._recent: tuple[tuple[NavState, Chart], ...] = ()  # of the last two states, which an epoch asks for repeatedly
 
     def at(self, nav: NavState) -> Chart:
         """Return the change of coordinates at a state of the INS."""
-        if "dp" not in self._states:
-            return Chart(nav.vel[..., None, :], self._states)
-        return Chart(np.stack([nav.vel, earth.offset(self._model, self._site, nav.pos)], axis=-2), self._states)
+        for known, chart in self._recent:
+            if known is nav:
+                return chart
+        held = nav.vel[..., None, :]
+        if "dp" in self._states:
+            held = np.stack([nav.vel, earth.offset(self._model, self._site, nav.pos)], axis=-2)
+        chart = Chart(held, self._states)
+        self._recent = ((nav, chart), *self._recent[:1])
+        return chart
 
     def prior(self, x: Gaussian, nav: NavState) -> Gaussian:
         D = self.at(nav).slope()
