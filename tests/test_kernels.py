@@ -183,7 +183,7 @@ def test_every_kernel_is_found():
     assert solvers.__name__ in {name.split(".")[0] for name in found}
 
 
-SIZES = {"n": 10, "s": 30, "m": 10, "w": 3, "p": 21, "k": 3}
+SIZES = {"n": 10, "s": 30, "m": 10, "w": 3, "p": 21, "k": 3, "e": 15, "h": 2}
 
 
 ALL = pytest.mark.parametrize("one", every_kernel(), ids=lambda one: f"{one.__module__}.{one.__qualname__}")

@@ -87,6 +87,13 @@ def _mix(
     ahead: Array, mean: Array, cov: Array, moved: Array,
 ) -> None:  # fmt: skip
     m, n = x.shape
+    known = 0.0
+    for j in range(m):
+        for i in range(m):
+            known += p[j] * chain[j, i]
+    if known != known:
+        ahead[:], mean[:], cov[:], moved[:] = math.nan, math.nan, math.nan, math.nan
+        return
     share, apart = np.empty(m), np.empty((m, n))
     for to in range(m):
         ahead[to] = 0.0

@@ -97,6 +97,9 @@ def _update(
     mean: Array, cov: Array, log_likelihood: Array, after: Array,
 ) -> None:  # fmt: skip
     n, m = len(x), len(nu)
+    if _lost(x, P, nu, H, p):
+        mean[:], cov[:], log_likelihood[:], after[:] = math.nan, math.nan, math.nan, math.nan
+        return
     white, PH, a, U, B = np.empty((m, n)), np.empty((n, m)), np.empty((m, m)), np.empty((m, m)), np.empty((n, m))
     y, t = np.empty(m), np.empty((len(p) * len(told), m))
     inverse, w = np.empty((len(p) * len(told), m)), np.empty(len(p) * len(told))
@@ -141,7 +144,7 @@ def _update(
                 S = max(a[i, i], 0.0) + factors[c] * told[f]
                 inverse[q, i] = 1.0 / S
                 t[q, i] = y[i] / S
-                log -= 0.5 * (math.log(S) + y[i] * t[q, i])
+                log -= 0.5 * (math.log(abs(S)) + y[i] * t[q, i])
             w[q] = log
             top = max(top, log)
     total = 0.0
@@ -179,6 +182,23 @@ def _update(
             for i in range(m):
                 change += PH[j, i] * B[k, i]
             cov[j, k] = cov[k, j] = change
+
+
+@helper
+def _lost(x: Array, P: Array, nu: Array, H: Array, p: Array) -> bool:
+    """Return whether any number is NaN."""
+    total = 0.0
+    for i in range(len(x)):
+        total += x[i]
+        for j in range(len(x)):
+            total += P[i, j]
+        for j in range(len(nu)):
+            total += H[j, i]
+    for j in range(len(nu)):
+        total += nu[j]
+    for c in range(len(p)):
+        total += p[c]
+    return total != total
 
 
 @helper

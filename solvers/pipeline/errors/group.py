@@ -1,6 +1,6 @@
 """The group SE_2(3) of attitude, velocity and place, in the order of the states phi, dv, dp; other states stay as they are.
 
-``held`` (..., k, 3) is the INS's velocity in m/s and, with k = 2, its place in metres from the site. Equations:
+``held`` (..., h, 3) is the INS's velocity in m/s and, with h = 2, its place in metres from the site. Equations:
 docs/mathematics/error_models.md#invariant-coordinates.
 """
 
@@ -67,7 +67,7 @@ def coefficients(theta: Vector) -> tuple[float, float, float, float]:
     return a1, a2, (1.0 - a1) / t2, (1.0 - 0.5 * a1 / a2) / t2
 
 
-@kernel("(n),(k,3)->(n)")
+@kernel("(n),(h,3)->(n)")
 def errors(xi: Array, held: Array, x: Array) -> None:
     """Return the errors x (..., n) of the model, with the misalignment as Euler angles, for xi (..., n)."""
     theta = vector(xi)
@@ -75,8 +75,9 @@ def errors(xi: Array, held: Array, x: Array) -> None:
     tx, ty, tz = theta
     for j in range(len(xi)):
         x[j] = xi[j]
-    x[0] = math.asin(min(max(a1 * tx + a2 * ty * tz, -1.0), 1.0))
-    x[1] = math.atan2(a1 * ty - a2 * tx * tz, 1.0 - a2 * (tx * tx + ty * ty))
+    north, up = a1 * ty - a2 * tx * tz, 1.0 - a2 * (tx * tx + ty * ty)
+    x[0] = math.atan2(a1 * tx + a2 * ty * tz, math.sqrt(north * north + up * up))
+    x[1] = math.atan2(north, up)
     x[2] = math.atan2(a1 * tz - a2 * tx * ty, 1.0 - a2 * (tx * tx + tz * tz))
     for i in range(len(held)):
         value = row(held, i)
@@ -84,7 +85,7 @@ def errors(xi: Array, held: Array, x: Array) -> None:
         put_part(subtract(value, turned(theta, subtract(value, eta), a1, a2)), x, i)  # C' = Exp(theta x)
 
 
-@kernel("(n),(k,3)->(n)")
+@kernel("(n),(h,3)->(n)")
 def logarithm(x: Array, held: Array, xi: Array) -> None:
     """Return xi (..., n) for the errors x (..., n) of the model."""
     w, a, b, c = correction(vector(x))  # the quaternion of C'
@@ -150,9 +151,9 @@ def _right_jacobian(xi: Array, rows: int, J: Array) -> None:
                 J[3 * block + i, j] = below[3 * i + j]
 
 
-@kernel("(4),(k,3),(n)->(4),(k,3)")
+@kernel("(4),(h,3),(n)->(4),(h,3)")
 def corrected(q_nb: Array, held: Array, xi: Array, q: Array, after: Array) -> None:
-    """Return Exp(-xi) X_hat: the attitude (..., 4), and velocity and place C' (held - eta), (..., k, 3).
+    """Return Exp(-xi) X_hat: the attitude (..., 4), and velocity and place C' (held - eta), (..., h, 3).
 
     C' = Exp(theta x), and eta is J times the errors of velocity and place.
     """
@@ -164,7 +165,7 @@ def corrected(q_nb: Array, held: Array, xi: Array, q: Array, after: Array) -> No
         put_row(turned(theta, subtract(row(held, i), eta), a1, a2), after, i)
 
 
-@kernel("(n,m),(k,3)->(n,m)")
+@kernel("(n,m),(h,3)->(n,m)")
 def multiplied(F: Array, held: Array, out: Array) -> None:
     """Return D F (..., n, m), with the slope D = d xi / d x at zero: -held x in the rows of velocity and place on phi."""
     for j in range(F.shape[1]):
@@ -176,7 +177,7 @@ def multiplied(F: Array, held: Array, out: Array) -> None:
                 out[3 * k + 3 + i, j] -= change[i]
 
 
-@kernel("(m,n),(k,3)->(m,n)")
+@kernel("(m,n),(h,3)->(m,n)")
 def divided(F: Array, held: Array, out: Array) -> None:
     """Return F D^-1 (..., m, n), with the slope D = d xi / d x at zero."""
     for i in range(len(F)):

@@ -71,7 +71,9 @@ class Invariant(Euler):
 
     def __init__(self, model: Earth, site_pos: Array, states: Layout) -> None:
         self._model, self._site, self._states = model, np.asarray(site_pos), states
-        self._recent: tuple[tuple[NavState, Chart], ...] = ()  # of the last two states, which an epoch asks for repeatedly
+        self._recent: tuple[
+            tuple[NavState, Chart], ...
+        ] = ()  # of the last two states, which an epoch asks for repeatedly
 
     def at(self, nav: NavState) -> Chart:
         """Return the change of coordinates at a state of the INS."""

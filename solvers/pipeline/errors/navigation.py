@@ -127,7 +127,7 @@ def slope(m: EpochMotion, states: Layout) -> Array:
     return F
 
 
-@kernel("(3,3),(3),(3),(3),(3),(3,3),(),(),(),(n)->(n,n)", "dddddddd?dd")
+@kernel("(3,3),(3),(3),(3),(3),(3,3),(),(),(),(e)->(e,e)", "dddddddd?dd")
 def _slope(
     C: Array, force: Array, vel: Array, rate_ie: Array, rate_en: Array, transport: Array, gravity_slope: float,
     h: float, position: bool, si: Array, F: Array,
