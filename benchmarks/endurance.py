@@ -239,20 +239,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"{given.hours:g} h at epochs of {given.epoch:g} s, {given.runs} runs; band of NEES / 3 {low:.2f} to {high:.2f}"
     )
     table = Table(title=title)
-    for heading in (
-        "solver",
-        "epochs",
-        "||q| - 1|",
-        "true",
-        "least of P",
-        "asymmetry",
-        "NEES / 3",
-        "repairs",
-        "MiB",
-        "CPU s",
-        "",
-    ):
-        table.add_column(heading, justify="left" if heading in ("solver", "") else "right")
+    headings = ("epochs", "||q| - 1|", "true", "least of P", "asymmetry", "NEES / 3", "repairs", "MiB", "CPU s")
+    table.add_column("solver")
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    table.add_column("")
     failed = 0
     with threadpool_limits(1):
         for name in given.solvers:
@@ -261,10 +252,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             faults = seen.faults()
             failed += bool(faults)
             spread = f"{min(seen.nees):.2f} to {max(seen.nees):.2f}" if seen.nees else "none"
-            row = [f"{seen.norm:.1e}", f"{seen.true_norm:.1e}", f"{seen.least:.1e}", f"{seen.asymmetry:.1e}", spread]
-            row += [f"{seen.repairs}", f"{seen.grown_mib:+.1f}", f"{seen.cpu_s:.0f}", "; ".join(faults) or "holds"]
-            table.add_row(name, f"{seen.epochs:,}", *row)
-            print(f"{name}: {'; '.join(faults) or 'holds'}", file=sys.stderr)
+            row = [f"{seen.epochs:,}", f"{seen.norm:.1e}", f"{seen.true_norm:.1e}", f"{seen.least:.1e}"]
+            row += [f"{seen.asymmetry:.1e}", spread, f"{seen.repairs}", f"{seen.grown_mib:+.1f}", f"{seen.cpu_s:.0f}"]
+            verdict = "; ".join(faults) or "holds"
+            table.add_row(name, *row, verdict)
+            told = ", ".join(f"{heading} {cell}" for heading, cell in zip(headings, row, strict=True))
+            print(f"{name}: {verdict} ({told})", file=sys.stderr)
     Console().print(table)
     return 1 if failed else 0
 

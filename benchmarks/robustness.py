@@ -61,6 +61,22 @@ if __name__ == "__main__":
         TASKS[name] = dataclasses.replace(long, name=name, kwargs=kwargs, hold_s=seconds / 4)
     sys.exit(main())
 """
+#: A solver of a stranger, ``mine:Mine``, which plays in a process of its own.
+STRANGER = """
+import numpy as np
+
+class Mine:
+    batched = True
+
+    def reset(self, task, rng, num_runs=1):
+        self.q = task.start.q_nb
+
+    def step(self, obs):
+        return self.q
+
+    def covariance(self):
+        return np.broadcast_to(np.eye(3), (*self.q.shape[:-1], 3, 3))
+"""
 SCRIPT = Path(sys.executable).parent / "sins-env"
 
 
@@ -90,6 +106,7 @@ class Trials:
         self.keep.mkdir()
         (self.folder / "tmp").mkdir()
         (self.folder / "tmp").chmod(0o777)
+        (self.folder / "mine.py").write_text(STRANGER)
         begin = time.monotonic()
         self.must(self.evaluation("kept/whole.sqlite"))
         self.eval_s = time.monotonic() - begin  #: duration of an undisturbed evaluation, s
@@ -180,7 +197,7 @@ class Trials:
         left = self.left()
         assert not left, f"processes left: {left}"
         found = {str(path.relative_to(self.folder)) for path in self.folder.rglob("*")}
-        strays = {name for name in found if not name.startswith("kept")} - {"tmp", *names}
+        strays = {name for name in found if not name.startswith(("kept", "__pycache__"))} - {"tmp", "mine.py", *names}
         assert not strays, f"files left: {sorted(strays)}"
         shared = _unused(_shared() - self.shared)
         assert not shared, f"shared memory left: {shared}"
@@ -190,7 +207,7 @@ class Trials:
         for process in _marked(self.mark):
             os.kill(int(process.split()[0]), signal.SIGKILL)
         for path in self.folder.iterdir():
-            if path.name not in ("kept", "tmp"):
+            if path.name not in ("kept", "tmp", "mine.py"):
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
         for path in (self.folder / "tmp").iterdir():
             shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -613,6 +630,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="kills, Ctrl-C, full disks and lost files, at random moments")
     parser.add_argument("--kind", nargs="+", choices=KINDS, default=list(KINDS), help="kinds of trials, default all")
     parser.add_argument("--times", type=int, help="trials of each kind, default by kind: 100 kills, 50 interrupts")
+    parser.add_argument("--solver", nargs="+", default=["kf", "mine:Mine"], help="solvers, default kf and a stranger's")
     parser.add_argument("--seed", type=int, default=0, help="seed of all moments (default %(default)s)")
     given = parser.parse_args(arguments)
     table = Table(title=f"robustness, seed {given.seed}")
@@ -620,7 +638,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         table.add_column(heading, justify="right" if heading in ("tried", "failing") else "left")
     failing = 0
     with tempfile.TemporaryDirectory(prefix="robustness-") as folder:
-        trials = Trials(Path(folder).resolve())
+        trials = Trials(Path(folder).resolve(), solvers=tuple(given.solver))
         for kind in given.kind:
             times = given.times or KINDS[kind][1]
             with Bar(kind, times) as bar:

@@ -41,4 +41,4 @@ def test_what_is_lost_or_left_is_found(trials, monkeypatch):
     monkeypatch.setitem(kinds, "export", (leaves, 1))
     assert ROBUSTNESS["campaign"](trials, "parent", 1, seed=0) == ["parent 0: another table"]
     assert ROBUSTNESS["campaign"](trials, "export", 1, seed=0) == ["export 0: files left: ['r.sqlite-journal']"]
-    assert sorted(os.listdir(trials.folder)) == ["kept", "tmp"]
+    assert sorted(os.listdir(trials.folder)) == ["kept", "mine.py", "tmp"]
