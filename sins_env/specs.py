@@ -190,7 +190,7 @@ def _resolve(given: Any, cls: type[S], named: Mapping[str, S], base: S) -> S:
         return named[given]
     if not isinstance(given, Mapping):
         raise ValueError(
-            f"{kind}: {given!r}; allowed: a preset's name, a dict of {cls.__name__} fields, a {cls.__name__}"
+            f"{kind}: {checks.shown(given)}; allowed: a preset's name, a dict of {cls.__name__} fields, a {cls.__name__}"
         )
     settings = dict(given)
     if "preset" in settings:

@@ -56,6 +56,17 @@ def size(count: float) -> str:
     return f"{count / 1000**power:.4g} {('bytes', 'kB', 'MB', 'GB', 'TB')[power]}"
 
 
+def beginning(path: Path, most: int) -> bytes:
+    """Return the first ``most`` bytes of a file, or all of a shorter one.
+
+    Raises:
+        ValueError: no regular file.
+        OSError: no such file, or one that cannot be read.
+    """
+    with opened(path) as stream:
+        return stream.read(most)
+
+
 def read_text(path: Path, most: int) -> str:
     """Return the text of a UTF-8 file of at most ``most`` bytes, without a byte order mark and with plain ends of lines.
 

@@ -122,7 +122,8 @@ def companion(path: Path, name: Any, whose: str = "") -> Path:
         FileNotFoundError: no such file.
     """
     if not isinstance(name, str):
-        raise ValueError(f"{path}: {checks.refused('file', name, 'the name of a file beside it')}")
+        key = f"file of {whose}" if whose else "file"
+        raise ValueError(f"{path}: {checks.refused(key, name, 'the name of a file beside it')}")
     found = path.parent / name
     if len(name) > MOST_NAME or not found.is_file():
         raise FileNotFoundError(

@@ -73,8 +73,10 @@ class FlightPlan:
         allowed = f"a finite number, -{MAX_HEADING_DEG:g} to {MAX_HEADING_DEG:g}"
         checks.keep(self, "heading_deg", checks.number, allowed, least=-MAX_HEADING_DEG, most=MAX_HEADING_DEG)
         rows = checks.items(self.segments)
-        if not rows or len(rows) > MAX_SEGMENTS:
-            raise checks.refused("segments", self.segments, f"a list of at least one segment, at most {MAX_SEGMENTS}")
+        if not rows:
+            raise checks.refused("segments", self.segments, "a list of at least one segment")
+        if len(rows) > MAX_SEGMENTS:
+            raise ValueError(f"{len(rows)} segments; allowed: at most {MAX_SEGMENTS}")
         segments = []
         for number, given in enumerate(rows, start=1):
             try:

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from sins_env.checks import unknown
+from sins_env.reading.documents import MOST_BYTES
+from sins_env.reading.files import beginning
 from sins_env.sensors.imu import Script, Wave
 from sins_env.specs import GpsSpec, ImuSpec
 from sins_env.trajectory.plan import FLIGHT_FILES, FlightPlan
@@ -176,4 +178,4 @@ def is_flight(name: str) -> bool:
     path = Path(name)
     if name in PROFILES or path.suffix.lower() in (".yaml", ".yml"):
         return True
-    return path.suffix.lower() == ".json" and path.is_file() and '"segments"' in path.read_text("utf-8", "replace")
+    return path.suffix.lower() == ".json" and path.is_file() and b'"segments"' in beginning(path, MOST_BYTES)

@@ -19,6 +19,7 @@ from sins_env.units import DEG
 from sins_env.worlds.limits import MAX_TIME
 
 STARTS = ("unknown", "told")  #: allowed values of ``start``
+MOST_ANGLE_DEG = 1e6  #: largest heading, so that no turn is lost in rounding
 LEAST_EPOCH_S, MOST_EPOCH_S, MOST_SAMPLES = 1e-4, 3600.0, 10_000  #: limits of an epoch, s, and of its IMU samples
 LONGITUDE_DEG = 116.3  #: Beijing, an assumption, for 000 names no place; see docs/mathematics/simulation.md#presets
 
@@ -149,12 +150,13 @@ class SimulationSettings(Timed):
 
 def check_heading(given: Any) -> float | tuple[float, ...] | None:
     """Check ``heading_deg``: an angle in degrees, a list with one for each record, or None."""
-    allowed = "a finite angle in degrees, a list of them, or None"
+    allowed = f"a finite angle in degrees, -{MOST_ANGLE_DEG:g} to {MOST_ANGLE_DEG:g}, a list of them, or None"
+    limits = {"least": -MOST_ANGLE_DEG, "most": MOST_ANGLE_DEG}
     if given is None:
         return None
     if checks.items(given) is not None:
-        return checks.numbers("heading_deg", given, None, allowed)
-    return checks.number("heading_deg", given, allowed)
+        return checks.numbers("heading_deg", given, None, allowed, **limits)
+    return checks.number("heading_deg", given, allowed, **limits)
 
 
 def check_epoch(given: Any) -> float:

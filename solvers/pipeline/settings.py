@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from sins_env.checks import choice
+from sins_env.checks import choice, shown
 from solvers.pipeline import coarse as coarse_methods
 from solvers.pipeline.errors.invariant import COORDINATES
 
@@ -66,7 +66,7 @@ class Settings:
         for name in ALIGNMENT_ONLY:
             given, default = getattr(self, name), getattr(Settings, name)
             if given != default:
-                raise ValueError(f"{name} = {given!r} {why}; allowed: {default!r}")
+                raise ValueError(f"{name} = {shown(given)} {why}; allowed: {default!r}")
 
     def completed(self, filter: Any, default: Settings) -> Settings:
         """Return the settings with what the filter asks, else the default, in place of ``None``."""

@@ -20,7 +20,7 @@ from fuzz import kind
 from fuzz.kinds import KINDS
 from fuzz.outcome import Failed
 
-CHUNK = 300  #: most examples that one process tries
+CHUNK = 500  #: most examples that one process tries
 SHOWN = 60  #: most causes of failure that are printed
 QUIET = {
     "database": None, "deadline": None, "suppress_health_check": list(HealthCheck), "report_multiple_bugs": False,
@@ -125,6 +125,8 @@ def main(arguments: list[str]) -> int:
         count = max(round(total * KINDS[name].share / whole), 1)
         wanted += [(name, min(CHUNK, count - begin)) for begin in range(0, count, CHUNK)]
     begin = time.perf_counter()
+    for name in names:  # once, and not in each process
+        KINDS[name].prepare()
     found = fuzz(wanted, os.cpu_count() or 1)
     form = "{:28} {:>8} {:>8} {:>8} {:>9} {:>9}"
     print(form.format("kind", "tried", "refused", "worked", "failures", "CPU, s"))

@@ -3,12 +3,10 @@
 import contextlib
 import io
 import os
-import shutil
 import sqlite3
 import sys
 import unicodedata
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from hypothesis import strategies as st
@@ -87,7 +85,7 @@ def command_lines(example: Any) -> str:
 
 
 @cache
-def results() -> Path:
+def results() -> bytes:
     """Return a results file of two tasks' runs."""
     path = folder() / "sound.sqlite"
     with Store(path) as store:
@@ -97,7 +95,7 @@ def results() -> Path:
             for solver in ("kf", "ckf"):
                 found = evaluate(task, solver, 3, workers=1, cost=False)
                 store.add(Key.of(task.name, found.suite, solver, {}, "1"), found.records)
-    return path
+    return path.read_bytes()
 
 
 READING = (
@@ -108,10 +106,10 @@ READING = (
 reading = st.sampled_from(list(READING[:-2]) * 3 + [READING[-2]])
 
 
-@kind("results files, bytes", st.tuples(byte_edits, reading), share=2, slice=20)
+@kind("results files, bytes", st.tuples(byte_edits, reading), share=2, slice=8, prepare=results)
 def results_bytes(example: Any) -> str:
     edits, words = example
-    path = put("bytes.sqlite", edited_bytes(results().read_bytes(), edits))
+    path = put("bytes.sqlite", edited_bytes(results(), edits))
     for more in ("-wal", "-shm", "-journal"):
         path.with_name(path.name + more).unlink(missing_ok=True)
     os.chdir(folder())
@@ -136,11 +134,10 @@ TEXTS = [
 cells = st.lists(st.tuples(some, some, some, junk | numbers | st.sampled_from(TEXTS)), min_size=1, max_size=2)
 
 
-@kind("results files, values", st.tuples(cells, reading), share=2, slice=20)
+@kind("results files, values", st.tuples(cells, reading), share=2, slice=8, prepare=results)
 def results_values(example: Any) -> str:
     edits, words = example
-    path = folder() / "values.sqlite"
-    shutil.copyfile(results(), path)
+    path = put("values.sqlite", results())
     with contextlib.closing(sqlite3.connect(path)) as db:
         tables = [row[0] for row in db.execute("SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name")]
         for which, column, row, value in edits:

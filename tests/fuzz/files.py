@@ -20,8 +20,7 @@ from sins_env import recordings
 
 
 @cache
-def base() -> dict[str, dict[str, bytes]]:
-    """Return the files of a sound recording by format, the recording's own first."""
+def _plain() -> dict[str, dict[str, bytes]]:
     place, found = folder() / "base", {}
     place.mkdir()
     recording = made.recording(samples=300, rate=20.0, t0=0.0)
@@ -36,6 +35,13 @@ def base() -> dict[str, dict[str, bytes]]:
         found[kind_] = {path.name: path.read_bytes() for path in paths}
     found["counts"] = {"x.npz": Path(recorded.counts(place / "c.npz", 200)).read_bytes()}
     found["increments"] = {"x.npz": Path(recorded.increments(place / "i.npz", 900)).read_bytes()}
+    return found
+
+
+@cache
+def base() -> dict[str, dict[str, bytes]]:
+    """Return the files of a sound recording by format, the recording's own first."""
+    found = dict(_plain())
     for name in ("npz", "counts", "increments"):
         found[f"{name} compressed"] = {"x.npz": zipped(arrays(name), np.savez_compressed)}
     variables = matlab()
@@ -61,7 +67,7 @@ def saved(given: dict[str, Any], **more: Any) -> bytes:
 
 @cache
 def _arrays(name: str) -> dict[str, Any]:
-    return dict(np.load(folder() / "base" / {"npz": "x.npz", "counts": "c.npz", "increments": "i.npz"}[name]))
+    return dict(np.load(io.BytesIO(_plain()[name]["x.npz"])))
 
 
 def arrays(name: str) -> dict[str, Any]:
@@ -70,7 +76,7 @@ def arrays(name: str) -> dict[str, Any]:
 
 @cache
 def matlab() -> dict[str, Any]:
-    return {k: v for k, v in loadmat(folder() / "base" / "x.mat").items() if not k.startswith("__")}
+    return {k: v for k, v in loadmat(io.BytesIO(_plain()["psins-mat"]["x.mat"])).items() if not k.startswith("__")}
 
 
 def loaded(path: Path, **more: Any) -> str:
@@ -146,13 +152,13 @@ def saving(given: dict[str, Any], edits: Any, save: Any) -> bytes:
 NPZ = ("npz", "counts", "increments", "npz compressed", "counts compressed", "increments compressed")
 
 
-@kind("NPZ, bytes", st.tuples(st.sampled_from(NPZ), byte_edits), share=10, slice=60)
+@kind("NPZ, bytes", st.tuples(st.sampled_from(NPZ), byte_edits), share=10, slice=60, prepare=base)
 def npz_bytes(example: Any) -> str:
     name, edits = example
     return loaded(put("f.npz", edited_bytes(base()[name]["x.npz"], edits)))
 
 
-@kind("NPZ, arrays", st.tuples(st.sampled_from(NPZ[:3]), array_edits), share=10, slice=60)
+@kind("NPZ, arrays", st.tuples(st.sampled_from(NPZ[:3]), array_edits), share=10, slice=60, prepare=base)
 def npz_arrays(example: Any) -> str:
     name, edits = example
     base()
@@ -162,13 +168,13 @@ def npz_arrays(example: Any) -> str:
 MAT = ("psins-mat", "mat plain", "mat v4", "mat trj")
 
 
-@kind("MAT, bytes", st.tuples(st.sampled_from(MAT), byte_edits), share=0.25, slice=2)
+@kind("MAT, bytes", st.tuples(st.sampled_from(MAT), byte_edits), share=0.25, slice=2, prepare=base)
 def mat_bytes(example: Any) -> str:
     name, edits = example
     return loaded(put("f.mat", edited_bytes(base()[name]["x.mat"], edits)))
 
 
-@kind("MAT, arrays", array_edits, share=0.25, slice=2)
+@kind("MAT, arrays", array_edits, share=0.25, slice=2, prepare=base)
 def mat_arrays(example: Any) -> str:
     base()
     return loaded(put("f.mat", saving(matlab(), example, saved)))
@@ -186,19 +192,19 @@ def changed(form: str, which: int, change: Any) -> Path:
     return paths[0]
 
 
-@kind("text, words", st.tuples(which_text, text_edits), share=12, slice=60)
+@kind("text, words", st.tuples(which_text, text_edits), share=12, slice=60, prepare=base)
 def text_words(example: Any) -> str:
     (form, which), edits = example
     return loaded(changed(form, which, lambda name, data: as_bytes(edited_text(data.decode(), edits))))
 
 
-@kind("text, bytes", st.tuples(which_text, byte_edits), share=6, slice=40)
+@kind("text, bytes", st.tuples(which_text, byte_edits), share=6, slice=40, prepare=base)
 def text_bytes(example: Any) -> str:
     (form, which), edits = example
     return loaded(changed(form, which, lambda name, data: edited_bytes(data, edits)))
 
 
-@kind("mappings", st.tuples(st.sampled_from(["csv", "kfgins"]), mapping_edits), share=10, slice=60)
+@kind("mappings", st.tuples(st.sampled_from(["csv", "kfgins"]), mapping_edits), share=10, slice=60, prepare=base)
 def mappings(example: Any) -> str:
     form, edits = example
 

@@ -21,13 +21,16 @@ class Kind:
     go: Callable[[Any], str]  #: plays an example, and returns "refused" or "worked", or raises Failed
     share: float  #: part of all examples, relative to the other kinds
     slice: int  #: number of examples in the tests
+    prepare: Callable[[], Any]  #: makes what all examples share
 
 
-def kind(name: str, examples: SearchStrategy[Any], share: float, slice: int) -> Callable[[Any], Any]:
+def kind(
+    name: str, examples: SearchStrategy[Any], share: float, slice: int, prepare: Callable[[], Any] = lambda: None
+) -> Callable[[Any], Any]:
     """Register a function that plays an example."""
 
     def register(go: Callable[[Any], str]) -> Callable[[Any], str]:
-        KINDS[name] = Kind(name, examples, go, share, slice)
+        KINDS[name] = Kind(name, examples, go, share, slice, prepare)
         return go
 
     return register

@@ -40,7 +40,7 @@ def observed() -> tuple[Any, list[Any]]:
     return env.task, observations
 
 
-@kind("solver settings", st.sampled_from(NAMES).flatmap(given_to), share=6, slice=60)
+@kind("solver settings", st.sampled_from(NAMES).flatmap(given_to), share=6, slice=60, prepare=observed)
 def solver_settings(example: Any) -> str:
     name, given = play(example)
     task, observations = observed()

@@ -49,14 +49,11 @@ CODES = [
     )
 ]  # fmt: skip
 junk = st.sampled_from(PLAIN + CODES)  #: any value at all
-#: Numbers, most of them extreme.
-numbers = (
-    st.sampled_from([x for x in PLAIN if type(x) in (int, float)] + CODES[:5])
-    | st.floats()
-    | st.integers()
-    | st.floats(1e-3, 1e3)
-    | st.integers(1, 300)
-)
+mild = (
+    st.sampled_from([0, 0.0, 0.5, 1, 2, 5, 10, 100]) | st.floats(1e-3, 1e3) | st.integers(1, 300)
+)  #: ordinary numbers
+extreme = st.sampled_from([x for x in PLAIN if type(x) in (int, float)] + CODES[:5]) | st.floats() | st.integers()
+numbers = mild | extreme
 some = st.integers(0, 1 << 20)  #: a place, taken modulo the length
 
 #: Changes of bytes: how, where, and what is put there.

@@ -22,6 +22,7 @@ from fuzz.values import (
     edited_text,
     junk,
     mapping_edits,
+    mild,
     numbers,
     play,
     text_edits,
@@ -40,10 +41,8 @@ def names(cls: type) -> list[str]:
 
 
 def spec(fields: list[str], presets: dict[str, Any]) -> Any:
-    changes = st.dictionaries(st.sampled_from([*fields, "preset"]), junk | numbers, min_size=1, max_size=2)
-    named = st.fixed_dictionaries(
-        {"preset": st.sampled_from(sorted(presets))}, optional={f: numbers for f in fields[:3]}
-    )
+    changes = st.dictionaries(st.sampled_from([*fields, "preset"]), junk | numbers | mild, min_size=1, max_size=2)
+    named = st.fixed_dictionaries({"preset": st.sampled_from(sorted(presets))}, optional={f: mild for f in fields[:3]})
     return changes | named | st.sampled_from(sorted(presets))
 
 
@@ -74,18 +73,33 @@ SPECIAL = {
 }
 
 
+GOOD = {
+    "epoch": [0.1, 0.2, 0.05],
+    "n_sub": [1, 2, 10], "vibration": [True], "motion": ["random"], "earth": ["thesis"], "prior": ["thesis"],
+    "imu": ["mems", "tactical", "rlg-car"], "gps": ["dgps", "perfect"], "any_heading": [True], "latitude_deg": [0.0, -60.0, 89.0],
+    "heading_deg": [None, 100.0, [0.0, 90.0]], "misalignment_deg": [(1.0, 2.0, 30.0)], "events": ["mixed", "rocking"],
+    "event_rate_per_min": [30.0], "mode": ["navigate"], "window": [(1.0, 5.0)], "stride": [1.0], "errors": ["fixed"],
+    "attitude_std_deg": [(1.0, 1.0, 20.0)], "velocity_std_mps": [1.0], "position_std_m": [5.0], "profile": ["lu-gauss", "zhao2010"],
+    "reveal_truth": [True], "render_mode": ["rgb_array"],
+}  # fmt: skip
+
+
 def keywords(env_id: str) -> Any:
-    known = names(ENVIRONMENTS[env_id].single.settings)
-    pairs = {
-        name: st.one_of(junk, numbers, *([SPECIAL[name]] * 3 if name in SPECIAL else []))
-        for name in [*known, "reveal_truth", "render_mode", "durration"]
-    }
-    base = {} if env_id != "SINS/Replay-v0" else {"recording": st.just("made.npz")}
+    """Return the strategy of keyword arguments: one or two wild ones among good ones."""
+    known = [*names(ENVIRONMENTS[env_id].single.settings), "reveal_truth", "render_mode"]
+    good = {name: st.sampled_from(GOOD[name]) for name in known if name in GOOD}
+    base = {"recording": st.just("made.npz")} if env_id == "SINS/Replay-v0" else {}
+    some_good = st.lists(st.sampled_from(sorted(good)), max_size=2, unique=True).flatmap(
+        lambda some: st.fixed_dictionaries({**base, **{name: good[name] for name in some}})
+    )
+    wild = st.sampled_from([*known, *known, "durration"]).flatmap(
+        lambda name: st.tuples(
+            st.just(name), st.one_of(junk, numbers, mild, *([SPECIAL[name]] * 5 if name in SPECIAL else []))
+        )
+    )
     return st.tuples(
         st.just(env_id),
-        st.lists(st.sampled_from(sorted(pairs)), min_size=1, max_size=3, unique=True).flatmap(
-            lambda some: st.fixed_dictionaries({**base, **{name: pairs[name] for name in some}})
-        ),
+        st.builds(lambda one, other: {**one, **dict(other)}, some_good, st.lists(wild, min_size=1, max_size=2)),
         st.sampled_from([0, 5]),
     )
 
@@ -136,19 +150,19 @@ def environments() -> list[Any]:
 
 
 SHAPES = ((4,), (10,), (2, 4))
-extreme = st.floats() | st.sampled_from([1e308, -1e308, 5e-324, 1e200, 3.14159, 100, 10**400, 1j, None, "1", True])
+elements = st.floats() | st.sampled_from([1e308, -1e308, 5e-324, 1e200, 3.14159, 100, 10**400, 1j, None, "1", True])
 actions = st.tuples(
     st.integers(0, 2),
     junk
-    | st.lists(extreme, min_size=4, max_size=4)
-    | st.lists(extreme, min_size=10, max_size=10)
-    | st.lists(st.lists(extreme, min_size=4, max_size=4), min_size=2, max_size=2)
-    | st.lists(st.lists(extreme, max_size=4), max_size=3),
+    | st.lists(elements, min_size=4, max_size=4)
+    | st.lists(elements, min_size=10, max_size=10)
+    | st.lists(st.lists(elements, min_size=4, max_size=4), min_size=2, max_size=2)
+    | st.lists(st.lists(elements, max_size=4), max_size=3),
     st.sampled_from([None, None, None, "f4", "f2", "c16", "O", "U10", "i8", "M8[s]", "S3"]),
 )
 
 
-@kind("actions", actions, share=14, slice=120)
+@kind("actions", actions, share=14, slice=120, prepare=environments)
 def action(example: Any) -> str:
     which, given, dtype = play(example)
     env = environments()[which]
@@ -175,7 +189,7 @@ resets = st.tuples(
 )
 
 
-@kind("seeds and options", resets, share=4, slice=60)
+@kind("seeds and options", resets, share=4, slice=60, prepare=environments)
 def reset(example: Any) -> str:
     which, seed, options = play(example)
     try:

@@ -125,7 +125,7 @@ def _part(path: Path, mapping: Mapping, whose: str, given: Any, keys: tuple[str,
                 raise unknown(
                     f"key of {field} in the mapping of {path.name}", key, ("column", "columns", "unit", "frame")
                 )
-    where = companion(path, given["file"]) if "file" in given else path
+    where = companion(path, given["file"], f"{whose} of the mapping of {path.name}") if "file" in given else path
     return _Part(where, mapping.delimiter, mapping.header, spec)
 
 

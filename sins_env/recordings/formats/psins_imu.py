@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from sins_env import attitude
-from sins_env.reading.files import opened
+from sins_env.reading.files import beginning
 from sins_env.recordings.assembling import geodetic, site
 from sins_env.recordings.axes import heading_pitch_roll, to_rfu, turned
 from sins_env.recordings.clock import Samples, clocked, hz_of
@@ -55,8 +55,7 @@ _HEADER = """% PSINS-format SIMU log file. (DO NOT MODIFY!)
 
 def names_itself(path: Path) -> bool:
     """Return whether the first line says PSINS and SIMU."""
-    with opened(path) as stream:
-        first = stream.readline(200)
+    first = beginning(path, 200).partition(b"\n")[0]
     return b"PSINS" in first and b"SIMU" in first
 
 
