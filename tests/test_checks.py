@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from sins_env.checks import choice, flag, keep, number, numbers, whole
+from sins_env.checks import choice, flag, keep, number, numbers, shown, unknown, whole
 
 
 @pytest.mark.parametrize(
@@ -87,3 +87,37 @@ def test_a_setting_is_kept_as_checked():
     ):
         with pytest.raises(ValueError, match=message):
             Settings(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"b": 1, "a": [2.5, None]}, "{'b': 1, 'a': [2.5, None]}"),  # as repr writes it
+        (10**5000, "a whole number of about 5000 digits"),
+        (type("T", (), {"__repr__": lambda self: 1 / 0})(), "<T instance at "),
+        (np.ones((2, 2)), "array([[1., 1.], [1., 1.]])"),
+    ],
+    ids=["dict", "digits", "raises", "array"],
+)
+def test_what_was_given_is_shown_in_one_line(given, text):
+    assert shown(given).startswith(text)
+    assert len(shown(given)) < len(text) + 20
+
+
+@pytest.mark.parametrize(
+    "given", ["x" * 10**6, [0.0] * 10**6, {i: [i] * 99 for i in range(10**4)}, [[[[[[[["x" * 999]]]]]]]]]
+)
+def test_what_was_given_is_shown_in_part(given):
+    assert len(shown(given)) <= 200
+    assert len(str(unknown("name", given, ["y" * 10**4] * 10**4))) < 10_000
+
+
+def test_numbers_beyond_all_measure_are_refused_whatever_the_limits():
+    assert number("gate", -1e100) == -1e100
+    for given in (1e101, -1e101, 10**400):
+        with pytest.raises(ValueError, match="gate = .*allowed: a finite number"):
+            number("gate", given)
+    with pytest.raises(ValueError, match="a whole number >= 1"):
+        whole("count", 10**16, least=1)
+    with pytest.raises(ValueError, match="factors = .*allowed: numbers"):
+        numbers("factors", [1.0] * 10_001, None, "numbers")

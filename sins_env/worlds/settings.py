@@ -151,12 +151,11 @@ class SimulationSettings(Timed):
 def check_heading(given: Any) -> float | tuple[float, ...] | None:
     """Check ``heading_deg``: an angle in degrees, a list with one for each record, or None."""
     allowed = f"a finite angle in degrees, -{MOST_ANGLE_DEG:g} to {MOST_ANGLE_DEG:g}, a list of them, or None"
-    limits = {"least": -MOST_ANGLE_DEG, "most": MOST_ANGLE_DEG}
     if given is None:
         return None
     if checks.items(given) is not None:
-        return checks.numbers("heading_deg", given, None, allowed, **limits)
-    return checks.number("heading_deg", given, allowed, **limits)
+        return checks.numbers("heading_deg", given, None, allowed, least=-MOST_ANGLE_DEG, most=MOST_ANGLE_DEG)
+    return checks.number("heading_deg", given, allowed, least=-MOST_ANGLE_DEG, most=MOST_ANGLE_DEG)
 
 
 def check_epoch(given: Any) -> float:

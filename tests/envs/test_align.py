@@ -96,6 +96,26 @@ def test_actions_of_the_wrong_shape(shape):
         rows.step(np.ones(shape))
 
 
+@pytest.mark.parametrize(
+    "action",
+    [[10**400, 0, 0, 0], [1j, 0, 0, 0], np.ones(4) + 0j, ["1", "0", "0", "0"], [[1.0], [2.0, 3.0]], {}, object()],
+    ids=["huge", "complex", "complex array", "text", "ragged", "dict", "object"],
+)
+def test_actions_that_are_no_numbers(action):
+    env = make()
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"^action = .*; allowed: numbers, \(4,\), the quaternion q_nb"):
+        env.step(action)
+    obs, reward, *_ = env.step(np.array([1, 0, 0, 0], dtype=object))  # numbers all the same
+    assert np.isfinite(reward)
+
+
+@pytest.mark.parametrize(("seed", "options"), [("1", None), (-1, None), (1.0, None), (0, 3), (0, "record")])
+def test_seeds_and_options_of_another_type(seed, options):
+    with pytest.raises(ValueError, match=r"^(seed|options) = .*; allowed: None, "):
+        make().reset(seed=seed, options=options)
+
+
 @pytest.mark.parametrize("env_id", [SWAY, STATIC])
 def test_the_truth_scores_full_marks(env_id):
     previous, *others = attitudes(env_id, seed=2)

@@ -205,7 +205,7 @@ def cell(row, column, text):
         (cell(17, 1, "1140.0"), "time does not increase at line 17: 1.14 s after 1.15 s"),
         (cell(1, 2, "gx"), "unknown column of gyro 'wx'; did you mean 'wy'|unknown column of gyro 'wx'"),
         (
-            lambda path: path.write_text("t,wx,wy,wz,fx,fy,fz\n" + "0.1,0,0,0,0,0\n" * 9),
+            lambda path: path.write_text("stamp,wx,wy,wz,fx,fy,fz\n" + "0.1,0,0,0,0,0\n" * 9),
             "line 2 has 6 columns, and column 7 is asked for; allowed: a number in each row for every name",
         ),
         (cell(17, 3, "0;5"), "line 17, column 3 is '0;5'; allowed: a finite number$"),
