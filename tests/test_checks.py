@@ -115,9 +115,9 @@ def test_what_was_given_is_shown_in_part(given):
 def test_numbers_beyond_all_measure_are_refused_whatever_the_limits():
     assert number("gate", -1e100) == -1e100
     for given in (1e101, -1e101, 10**400):
-        with pytest.raises(ValueError, match="gate = .*allowed: a finite number"):
+        with pytest.raises(ValueError, match=r"gate = .*allowed: a finite number"):
             number("gate", given)
     with pytest.raises(ValueError, match="a whole number >= 1"):
         whole("count", 10**16, least=1)
-    with pytest.raises(ValueError, match="factors = .*allowed: numbers"):
+    with pytest.raises(ValueError, match=r"factors = .*allowed: numbers"):
         numbers("factors", [1.0] * 10_001, None, "numbers")

@@ -106,7 +106,7 @@ def test_actions_that_are_no_numbers(action):
     env.reset(seed=0)
     with pytest.raises(ValueError, match=r"^action = .*; allowed: numbers, \(4,\), the quaternion q_nb"):
         env.step(action)
-    obs, reward, *_ = env.step(np.array([1, 0, 0, 0], dtype=object))  # numbers all the same
+    _, reward, *_ = env.step(np.array([1, 0, 0, 0], dtype=object))  # numbers all the same
     assert np.isfinite(reward)
 
 
