@@ -7,9 +7,11 @@ import multiprocessing.connection
 import os
 import resource
 import shutil
+import signal
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -55,6 +57,7 @@ def _chunk(name: str, count: int, number: int, place: Path, out: Any) -> None:
     """Try ``count`` examples in this process, and send the tally."""
     kind.FOLDER[0] = place
     os.chdir(place)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
@@ -86,12 +89,31 @@ def _dead(place: Path, code: int | None) -> Tally:
     return tally
 
 
-def fuzz(wanted: list[tuple[str, int]], cores: int) -> dict[str, Tally]:
-    """Try the chunks (kind, number of examples), each in a process of its own, ``cores`` at a time."""
-    fork, found = multiprocessing.get_context("fork"), {name: Tally() for name, _ in wanted}
-    waiting = [(name, count, number) for number, (name, count) in enumerate(wanted)]
+def fuzz(wanted: list[tuple[str, int]], cores: int) -> tuple[dict[str, Tally], bool]:
+    """Try the chunks (kind, number of examples), each in a process of its own, ``cores`` at a time.
+
+    Returns the tallies, and whether all chunks are among them; Ctrl-C ends the work early.
+    """
+    found: dict[str, Tally] = {name: Tally() for name, _ in wanted}
     running: dict[Any, tuple[Any, str, Path]] = {}
-    done = 0
+    try:
+        for done in _tallies(wanted, cores, running, found):
+            print(f"{done} of {len(wanted)} chunks", end="\r", file=sys.stderr, flush=True)
+    except KeyboardInterrupt:
+        for process, _, place in running.values():
+            process.kill()
+            process.join()
+            shutil.rmtree(place, ignore_errors=True)
+        return found, False
+    return found, True
+
+
+def _tallies(
+    wanted: list[tuple[str, int]], cores: int, running: dict[Any, tuple[Any, str, Path]], found: dict[str, Tally]
+) -> Iterator[int]:
+    """Yield the number of chunks that are done, after each of them."""
+    fork, done = multiprocessing.get_context("fork"), 0
+    waiting = [(name, count, number) for number, (name, count) in enumerate(wanted)]
     while waiting or running:
         while waiting and len(running) < cores:
             name, count, number = waiting.pop(0)
@@ -102,36 +124,37 @@ def fuzz(wanted: list[tuple[str, int]], cores: int) -> dict[str, Tally]:
             send.close()
             running[receive] = (process, name, place)
         for receive in multiprocessing.connection.wait(list(running)):
-            process, name, place = running.pop(receive)
+            process, name, place = running[receive]
             try:
                 tally = receive.recv()
             except EOFError:
                 process.join()
                 tally = _dead(place, process.exitcode)
             process.join()
+            del running[receive]
             found[name].add(tally)
             shutil.rmtree(place, ignore_errors=True)
             done += 1
-            print(f"{done} of {len(wanted)} chunks", end="\r", file=sys.stderr, flush=True)
-    return found
+            yield done
 
 
 def main(arguments: list[str]) -> int:
     """Print the table and the failures, and return 1 if there are any."""
     total, names = int(arguments[0]), arguments[1:] or list(KINDS)
     whole = sum(KINDS[name].share for name in names)
-    wanted = []
+    parts: list[tuple[float, str, int]] = []
     for name in names:
         count = max(round(total * KINDS[name].share / whole), 1)
-        wanted += [(name, min(CHUNK, count - begin)) for begin in range(0, count, CHUNK)]
+        parts += [(begin / count, name, min(CHUNK, count - begin)) for begin in range(0, count, CHUNK)]
+    wanted = [(name, count) for _, name, count in sorted(parts)]  # all kinds advance together
     begin = time.perf_counter()
     for name in names:  # once, and not in each process
         KINDS[name].prepare()
-    found = fuzz(wanted, os.cpu_count() or 1)
+    found, complete = fuzz(wanted, os.cpu_count() or 1)
     form = "{:28} {:>8} {:>8} {:>8} {:>9} {:>9}"
     print(form.format("kind", "tried", "refused", "worked", "failures", "CPU, s"))
     everything = Tally()
-    for name, tally in found.items():
+    for name, tally in sorted(found.items()):
         everything.add(tally)
         print(_row(form, name, tally))
     print(_row(form, "all", everything), f"   {time.perf_counter() - begin:.0f} s on {os.cpu_count()} cores")
@@ -142,7 +165,9 @@ def main(arguments: list[str]) -> int:
             print(f"kinds.go({name!r}, {example[:1500]})")
     if everything.causes:
         print("\n# PYTHONPATH=tests; from fuzz import kinds; import math; import numpy as np")
-    return 1 if everything.causes else 0
+    if not complete:
+        print(f"\ninterrupted: {everything.counts['tried']} of {total} tried")
+    return 1 if everything.causes else 0 if complete else 130
 
 
 def _row(form: str, name: str, tally: Tally) -> str:
