@@ -15,6 +15,7 @@ from contextlib import ExitStack, closing
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from sins_env.evaluation.estimators.child import Child
 from sins_env.evaluation.estimators.isolation import hosted
 from sins_env.evaluation.estimators.memory import keep_freed_memory
 from sins_env.evaluation.speed.timing import Probe
@@ -32,13 +33,18 @@ def measure(runs: int) -> tuple[float, float]:
         probes = []
         for solver in SOLVERS:
             host = stack.enter_context(hosted(solver, {}))
-            probes.append(stack.enter_context(closing(Probe(task, host, runs, clock=time.process_time))))
+            probes.append((stack.enter_context(closing(Probe(task, host, runs))), getattr(host, "child", None)))
         for block in spent:
-            for i, probe in enumerate(probes):
-                estimator_s, env_s, _ = probe.advance(BLOCK)
-                block[i] = (estimator_s + env_s).mean()
+            for i, (probe, child) in enumerate(probes):
+                before = _cpu_s(child)
+                probe.advance(BLOCK)
+                block[i] = (_cpu_s(child) - before) / BLOCK
     here, apart = np.median(spent, axis=0)
     return float(here), float(apart)
+
+
+def _cpu_s(child: Child | None) -> float:
+    return time.process_time() + (child.cpu_s() if child else 0.0)
 
 
 def main() -> None:

@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from typing import Any
 
 from sins_env.evaluation.estimators import finding, isolation
+from sins_env.evaluation.estimators.processes import keep_secrets
 from sins_env.evaluation.play.executors import Runner, runner
 from sins_env.evaluation.play.job import Job
 from sins_env.evaluation.play.queue import Report, chunks, extent, played
@@ -61,6 +62,8 @@ def evaluate(
     wanted = run_numbers(runs)
     task.check_runs(wanted[-1] + 1)
     given = dict(settings or {})
+    if seed is not None:
+        keep_secrets()
     isolation.prove(solver, given, epoch_timeout_s)
     jobs = [Job(task, solver, part, given, seed, epoch_timeout_s) for part in chunks(wanted, chunk)]
     jobs[0].rngs()  # refuses a bad seed here rather than in a worker

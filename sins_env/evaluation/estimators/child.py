@@ -14,6 +14,7 @@ import select
 import shlex
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -31,6 +32,7 @@ from sins_env.evaluation.estimators.processes import CANNOT_START, interrupts_he
 from sins_env.evaluation.estimators.wire import Answer, Layout
 
 START_S = 300.0  #: longest time in which the first interpreter imports its modules, even on a busy machine
+LOOK_S = 0.1  #: period of the check that a silent process still runs and has time left
 GRACE_S = 1.0  #: time in which the keeper of a process tells how it ended
 END_S = 10.0  #: time in which the keeper ends a process, and whatever that has started
 #: exceptions of pickle for what cannot be sent to another process
@@ -126,7 +128,6 @@ class Child:
         self._memory = -1
         self._pid = 0
         self._number = 0
-        self._limit_s = math.inf  # time limit of the socket, which is set when it changes
 
     @property
     def running(self) -> bool:
@@ -187,7 +188,6 @@ class Child:
         if not hasattr(os, "memfd_create"):
             raise ValueError(_NO_SUCH_SYSTEM)
         self._data, data = socket.socketpair()
-        self._limit_s = math.inf
         self._told, told = socket.socketpair()
         self._memory = wire.new_memory()
         with data, told:
@@ -199,9 +199,8 @@ class Child:
                 raise
             finally:
                 os.close(errors)
-        self._poll = select.poll()
-        for one in (self._data, self._told):
-            self._poll.register(one, select.POLLIN)
+        for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):  # the kernel's limits cost no further call
+            self._data.setsockopt(socket.SOL_SOCKET, option, struct.pack("ll", 0, round(LOOK_S * 1e6)))
         try:
             self._told.settimeout(START_S)
             _, self._pid = wire.END.unpack(_received(self._told, wire.END.size))
@@ -211,20 +210,17 @@ class Child:
             raise Unavailable(f"its process cannot start: {error}") from error
 
     def _call(self, name: str, limit_s: float, *arguments: Any) -> Answer:
-        assert self._data is not None
         request = pickle.dumps((name, arguments))
         self._number = (self._number + 1) % (1 << 32)
         deadline = time.monotonic() + limit_s
         try:
-            if limit_s != self._limit_s:
-                self._data.settimeout(None if limit_s == math.inf else limit_s)
-                self._limit_s = limit_s
-            self._data.sendall(wire.REQUEST.pack(self._number, len(request)) + request)
-            while True:
-                kind, answer = self._answer(deadline)
-                if kind != wire.BEAT:
-                    break
+            self._send(wire.REQUEST.pack(self._number, len(request)) + request, deadline)
+            kind, answer = self._answer(deadline)
+            while kind == wire.BEAT:
                 deadline = time.monotonic() + limit_s
+                kind, answer = self._answer(deadline)
+            if time.monotonic() > deadline:
+                raise TimeoutError
         except TimeoutError:
             self.close()
             error = EstimatorError(f"{name} took longer than {limit_s:g} s")
@@ -257,21 +253,43 @@ class Child:
             EOFError, OSError: the process has ended, even if others hold its socket open.
             _Garbage: what came is no answer to this call.
         """
-        assert self._data is not None
-        assert self._told is not None
-        left = deadline - time.monotonic()
-        ready = self._poll.poll(None if left == math.inf else max(left, 0.0) * 1e3)
-        if not ready:
-            raise TimeoutError
-        if ready[0][0] == self._told.fileno() and len(ready) == 1:
-            raise EOFError
-        number, kind, value, first, second = wire.ANSWER.unpack(_received(self._data, wire.ANSWER.size))
+        number, kind, value, first, second = wire.ANSWER.unpack(self._received(wire.ANSWER.size, deadline))
         if number != self._number or kind > wire.BEAT or max(first, second) > wire.MAX_TEXT:
             raise _Garbage
         if not first + second:
             return kind, Answer(value)
-        texts = [_received(self._data, length).decode("utf-8", "replace") for length in (first, second)]
+        texts = [self._received(length, deadline).decode("utf-8", "replace") for length in (first, second)]
         return kind, Answer(value, " ".join(texts[0].split()), texts[1])
+
+    def _send(self, message: bytes, deadline: float) -> None:
+        assert self._data is not None
+        while message:
+            try:
+                message = message[self._data.send(message) :]
+            except BlockingIOError:
+                self._check(deadline)
+
+    def _received(self, size: int, deadline: float) -> bytes:
+        assert self._data is not None
+        found = b""
+        while len(found) < size:
+            try:
+                more = self._data.recv(size - len(found))
+            except BlockingIOError:
+                self._check(deadline)
+                continue
+            if not more:
+                raise EOFError
+            found += more
+        return found
+
+    def _check(self, deadline: float) -> None:
+        """Check, whenever nothing has passed for LOOK_S, that the process still runs and has time left."""
+        if time.monotonic() > deadline:
+            raise TimeoutError
+        assert self._told is not None
+        if select.select([self._told], [], [], 0)[0]:
+            raise EOFError
 
     def _end(self) -> str:
         """End the process if it still runs, and return how it ended, in words."""

@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from multiprocessing import spawn
-from typing import Any, BinaryIO
+from typing import Any
 
 from sins_env.evaluation.estimators.guard import EstimatorError, error_of
 from sins_env.evaluation.estimators.wire import ANSWER, BEAT, DONE, FAILED, REFUSED, REQUEST, Answer, cut, tail
@@ -19,6 +19,8 @@ from sins_env.evaluation.estimators.wire import ANSWER, BEAT, DONE, FAILED, REFU
 BEAT_S = 0.2  #: least time between two beats
 #: Settings of the number of threads of BLAS, which is one.
 THREADS = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "BLIS_NUM_THREADS")}
+
+_MOST_AT_ONCE = 4096
 
 _beat: Callable[[], None] = lambda: None  # noqa: E731
 
@@ -35,7 +37,6 @@ def serve(data: socket.socket, memory: int) -> None:
     object, which is made with the descriptor of the shared memory, and what to take over from the evaluation.
     """
     global _beat
-    requests: BinaryIO = data.makefile("rb")
     process, target, last = os.getpid(), None, 0.0
     number = 0
 
@@ -46,11 +47,13 @@ def serve(data: socket.socket, memory: int) -> None:
             data.sendall(ANSWER.pack(number, BEAT, 0, 0, 0))
 
     _beat = tell_beat
-    while head := requests.read(REQUEST.size):
-        number, size = REQUEST.unpack(head)
+    while request := data.recv(_MOST_AT_ONCE):  # most requests come as one piece
+        number, size = REQUEST.unpack_from(request)
+        if missing := REQUEST.size + size - len(request):
+            request += _received(data, missing)
         name, answer, kind = "unpickling", Answer(), DONE
         try:
-            name, arguments = pickle.loads(requests.read(size))
+            name, arguments = pickle.loads(memoryview(request)[REQUEST.size :])
             if target is None:
                 target = _begin(memory, *arguments)
             else:
@@ -66,6 +69,14 @@ def serve(data: socket.socket, memory: int) -> None:
             os._exit(0)
         first, second = cut(answer.first), tail(answer.second)
         data.sendall(ANSWER.pack(number, kind, answer.value, len(first), len(second)) + first + second)
+
+
+def _received(data: socket.socket, size: int) -> bytes:
+    found = bytearray(size)
+    view = memoryview(found)
+    while view:
+        view = view[data.recv_into(view) or sys.exit() :]
+    return bytes(found)
 
 
 def _begin(memory: int, target: str, around: Mapping[str, Any]) -> Any:
