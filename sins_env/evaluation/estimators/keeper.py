@@ -24,6 +24,8 @@ import numpy as np
 from sins_env.evaluation.estimators import offers, serving
 from sins_env.evaluation.estimators.memory import keep_freed_memory
 from sins_env.evaluation.estimators.wire import END, ENDED, STARTED
+from sins_env.kernels.compiling import KERNELS
+from sins_env.kernels.warming import compile_all
 
 MOST_OUTPUT = 16_384  #: most bytes of a solver's output that are passed on
 CUT = b"\n(the solver's further output is left out)\n"
@@ -39,6 +41,7 @@ def main() -> NoReturn:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _control(_SUBREAPER, 1)
     offers.own()  # import what most solvers use
+    compile_all([one for one in KERNELS if not one.cold])  # loads those that are compiled, once for all solvers
     keep_freed_memory()
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # keepers need no burial
     requests.sendall(STARTED)
