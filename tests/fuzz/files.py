@@ -168,13 +168,13 @@ def npz_arrays(example: Any) -> str:
 MAT = ("psins-mat", "mat plain", "mat v4", "mat trj")
 
 
-@kind("MAT, bytes", st.tuples(st.sampled_from(MAT), byte_edits), share=0.25, slice=2, prepare=base)
+@kind("MAT, bytes", st.tuples(st.sampled_from(MAT), byte_edits), share=0.1, slice=2, prepare=base)
 def mat_bytes(example: Any) -> str:
     name, edits = example
     return loaded(put("f.mat", edited_bytes(base()[name]["x.mat"], edits)))
 
 
-@kind("MAT, arrays", array_edits, share=0.25, slice=2, prepare=base)
+@kind("MAT, arrays", array_edits, share=0.1, slice=2, prepare=base)
 def mat_arrays(example: Any) -> str:
     base()
     return loaded(put("f.mat", saving(matlab(), example, saved)))

@@ -30,28 +30,35 @@ def given_to(name: str) -> Any:
 
 @cache
 def observed() -> tuple[Any, list[Any]]:
-    """Return a public task with its first observations; every filter has stepped once, so that its kernels are ready."""
+    """Return a public task with its first observations."""
     env: Any = gymnasium.make("SINS/AlignSway-v0", duration=3.0).unwrapped
-    observations = [env.reset(seed=0)[0], *(env.step([1.0, 0, 0, 0])[0] for _ in range(2))]
+    return env.task, [env.reset(seed=0)[0], *(env.step([1.0, 0, 0, 0])[0] for _ in range(2))]
+
+
+def steps(name: str, given: dict[str, Any]) -> None:
+    task, observations = observed()
+    estimator = solvers.make(name, **given)
+    estimator.reset(task, np.random.default_rng(0), 1)
+    for obs in observations:
+        estimator.step(obs)
+
+
+@cache
+def warm(name: str) -> None:
+    """Compile or load what a solver needs, which is not the time of any setting."""
+    steps(name, {})
+
+
+def all_warm() -> None:
     for name in NAMES:
-        estimator = solvers.make(name)
-        estimator.reset(env.task, np.random.default_rng(0), 1)
-        estimator.step(observations[0])
-    return env.task, observations
+        warm(name)
 
 
-@kind("solver settings", st.sampled_from(NAMES).flatmap(given_to), share=6, slice=60, prepare=observed)
+@kind("solver settings", st.sampled_from(NAMES).flatmap(given_to), share=6, slice=30, prepare=all_warm)
 def solver_settings(example: Any) -> str:
     name, given = play(example)
-    task, observations = observed()
-
-    def go() -> None:
-        estimator = solvers.make(name, **given)
-        estimator.reset(task, np.random.default_rng(0), 1)
-        for obs in observations:
-            estimator.step(obs)
-
-    return attempt(go)
+    warm(name)
+    return attempt(lambda: steps(name, given))
 
 
 def lasting(name: str, seconds: float, **changes: Any) -> EvaluationTask:
