@@ -11,6 +11,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 #: What those that take long are given; without arguments they do the whole of what their docstrings say.
 LITTLE = {
     "adaptive_noise": "--runs 2 --seconds 15",
+    "bank_of_headings": "--seconds 10",
     "compare_two_filters": "--runs 2 --seconds 15",
     "custom_estimator": "--runs 1 --seconds 60",
     "gps_outage": "--runs 2 --flight flight-hotstart30-v0",

@@ -2,5 +2,5 @@
 
 The results of ``score`` come in; text or a Matplotlib figure goes out. All tables iterate over the one list of columns.
 Read ``numbers``, ``cells``, ``columns``, ``plain_tables``, ``terminal_tables``, ``footer``, then ``style``,
-``error_figure``, ``run_figure``. ``templates`` serves the HTML report and the reproduction paper.
+``error_figure``, ``run_figure``, ``bank_figure``. ``templates`` serves the HTML report and the reproduction paper.
 """

@@ -119,6 +119,14 @@ class GSFIMM:
         """Return which runs were lost, and when; their answer stays the last good one."""
         return self.episode.health()
 
+    @property
+    def labels(self) -> dict[str, list[str]]:
+        """What the entries of the probabilities of models and regimes in ``diagnostics()`` are."""
+        models = [f"gyros x {gyro:g}, accelerometers x {accel:g}" for gyro, accel in self.settings.imu_factors]
+        offset = ["offset of the fixes"] * self.settings.fix_offsets
+        regimes = [f"fixes x {factor:g}" for factor in self.settings.fix_factors]
+        return {"model_probabilities": models + offset, "regime_probabilities": regimes}
+
     def diagnostics(self) -> dict[str, Array]:
         """Return the weights of slices, models and regimes by name, with the batch axes in front."""
         return self.episode.diagnostics()
