@@ -84,21 +84,22 @@ def _posterior(
     x: Array, P: Array, y: Array, cross: Array, L: Array, z: Array, mean: Array, cov: Array, residual: Array
 ) -> None:
     n, m = cross.shape
+    both = np.empty((m, n + 1))
+    W, e = both[:, :n], both[:, n]
     for i in range(m):
         residual[i] = z[i] - y[i]
-    W, e = np.empty((m, n)), np.empty(m)
     whiten(L, cross, W)
     whiten_vector(L, residual, e)
     for j in range(n):
-        led = 0.0
-        for i in range(m):
-            led += W[i, j] * e[i]
-        mean[j] = x[j] + led
+        mean[j] = x[j]
         for k in range(j + 1):
-            known = 0.0
-            for i in range(m):
-                known += W[i, j] * W[i, k]
-            cov[j, k] = cov[k, j] = P[j, k] - known
+            cov[j, k] = P[j, k]
+        for i in range(m):
+            mean[j] += W[i, j] * e[i]
+            for k in range(j + 1):
+                cov[j, k] -= W[i, j] * W[i, k]
+        for k in range(j):
+            cov[k, j] = cov[j, k]
 
 
 def posterior_cov(prior: Gaussian, predicted: Moments, K: Array) -> Array:

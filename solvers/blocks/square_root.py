@@ -48,7 +48,7 @@ def cholesky(P: Array) -> tuple[Array, Mask | None]:
     no positive variance left, gets a NaN factor. All other items keep their bits.
     """
     S, bad = factor(P)
-    if not bad.any():
+    if not np.count_nonzero(bad):
         return S, None
     n = P.shape[-1]
     flat, S, bad = P.reshape(-1, n, n), S.reshape(-1, n, n), bad.reshape(-1)
@@ -112,7 +112,7 @@ def semidefinite_root(P: Array) -> tuple[Array, Mask | None]:
     if (diagonal == P).all() and (diagonal >= 0.0).all():
         return np.sqrt(diagonal), None
     S, bad = factor(P)
-    if not bad.any():
+    if not np.count_nonzero(bad):
         return S, None
     n = P.shape[-1]
     flat, S, bad = P.reshape(-1, n, n), S.reshape(-1, n, n), bad.reshape(-1)

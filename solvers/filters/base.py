@@ -69,7 +69,7 @@ class BatchFilter(Brief, ABC, Generic[B]):
                 return settle(b, x), None
             y, innovation = self.correct(x, me)
             absent = np.asarray(me.R[..., 0, 0] >= MISSING)
-            after = settle(b, mixed(absent, x, y) if absent.any() else y)
+            after = settle(b, mixed(absent, x, y) if np.count_nonzero(absent) else y)
         if after.health.frozen:
             innovation = _blank(innovation, after.health.failed_at >= 0)
         return after, innovation

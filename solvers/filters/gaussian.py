@@ -15,10 +15,9 @@ import numpy as np
 
 from sins_env.arrays import Array
 from solvers.blocks.conditioning import condition
-from solvers.blocks.moments import MomentRule, moments, transform
-from solvers.blocks.square_root import symmetrize
+from solvers.blocks.moments import MomentRule, linear_moments, moments, transform
 from solvers.filters.base import BatchFilter, count, initial_gaussian, initial_health
-from solvers.types import Function, Gaussian, Health, Innovation, Measurement, Transition
+from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
 
 
 class Belief(NamedTuple):
@@ -71,8 +70,8 @@ class GaussianFilter(BatchFilter[B]):
         return Gaussian(b.mean, b.cov)
 
     def move(self, b: B, g: Function, jac: Callable[[Array], Array]) -> B:
-        J = jac(b.mean)
-        return b._replace(mean=g(b.mean), cov=symmetrize(J @ b.cov @ J.mT))
+        moved = linear_moments(Linear(jac(b.mean)), Gaussian(b.mean, b.cov))
+        return b._replace(mean=g(b.mean), cov=moved.cov)
 
 
 def initial_belief(prior: Gaussian) -> Belief:

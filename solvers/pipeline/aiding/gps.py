@@ -13,6 +13,7 @@ import numpy as np
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array
+from sins_env.kernels import kernel
 from sins_env.specs import GpsSpec
 from sins_env.states import FIX, Layout
 from sins_env.types import NavState, Observation, Task
@@ -35,6 +36,7 @@ class Gps:
         rows = FIX.places(self._fix.shown)
         self._R = task.prior.R[np.ix_(rows, rows)]
         self._position, self._vertical = "dp" in states, states.only("dv").size == 3
+        self._pull = min(self._epoch_s / VERTICAL_TIME_CONSTANT_S, 1.0)
         self._place: Array = np.full(3, np.nan)  # place of the antenna at the last fix of the coarse phase
 
     @staticmethod
@@ -59,16 +61,15 @@ class Gps:
     def read(self, obs: Observation, nav: NavState) -> tuple[NavState, Measurement | None]:
         """Return the INS, with its vertical velocity slaved to the fixes unless it is a state, and INS minus fix."""
         valid = np.asarray(obs["gps_valid"][..., 0] == 1)
-        if not valid.any():
+        seen = np.count_nonzero(valid)
+        if not seen:
             return nav, None
         arm, R = None if self._lever is None else self._arm(obs, nav.q_nb), self._R
         off = self._off(obs, nav, arm)
         if not self._vertical:
-            vel = nav.vel.copy()
-            vel[..., 2] -= valid * min(self._epoch_s / VERTICAL_TIME_CONSTANT_S, 1.0) * off[..., 2]
-            nav = nav._replace(vel=vel)
+            nav = NavState(nav.q_nb, _pulled(nav.vel, off, valid, self._pull), nav.pos)
         residual = off[..., : len(R)]
-        if not valid.all():
+        if seen < valid.size:
             residual = np.where(valid[..., None], residual, 0.0)
             R = R + np.where(valid, 0.0, MISSING)[..., None, None] * np.eye(len(R))
         return nav, self._fix.measurement(residual, R, arm, self._law)
@@ -87,6 +88,13 @@ class Gps:
         arm = C @ np.asarray(self._lever)
         rate = np.matmul(C, end_rate(obs["dtheta"], self._epoch_s)[..., None])[..., 0] - self._rate_ie
         return np.stack([cross(rate, arm), arm], axis=-2)
+
+
+@kernel("(3),(k),(),()->(3)", "dd?dd")
+def _pulled(vel: Array, off: Array, valid: bool, share: float, out: Array) -> None:
+    """Fill in the velocity of the INS, with the vertical one pulled towards a fix that it is ``off``."""
+    out[0], out[1] = vel[0], vel[1]
+    out[2] = vel[2] - share * off[2] if valid else vel[2]
 
 
 class Fix:

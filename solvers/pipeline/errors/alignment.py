@@ -27,10 +27,15 @@ from sins_env.kernels.algebra import (
     Matrix,
     Vector,
     add,
+    correction,
     cross3,
     matrix,
     misaligned,
     mix,
+    multiply,
+    put_quaternion,
+    put_vector,
+    quaternion,
     scale,
     sincos3,
     subtract,
@@ -40,7 +45,6 @@ from sins_env.kernels.algebra import (
 )
 from sins_env.states import Block, Layout
 from sins_env.types import NavState
-from solvers.pipeline import feedback
 from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT, ErrorModel
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Transition
@@ -54,7 +58,7 @@ STATES = Layout(
         Block("gyro_bias", 3, "deg/h", GYRO_UNIT),
     )
 )
-DV, PHI = STATES["dv"], STATES["phi"]
+DV, PHI = STATES["dv"], STATES["phi"]  # the kernels below count the states: dV 0-1, phi 2-4, nabla 5-6, eps 7-9
 
 
 @helper
@@ -139,6 +143,11 @@ class AlignmentErrors(ErrorModel):
         return Transition(AlignmentMap(motion, self.exact, self.body_biases), Q, None, motion.dt)
 
     def corrected(self, model: Earth, nav: NavState, x: Array) -> NavState:
-        vel = nav.vel.copy()
-        vel[..., :2] -= x[..., DV]
-        return nav._replace(q_nb=feedback.corrected(nav.q_nb, x[..., PHI]), vel=vel)
+        q_nb, vel = _corrected(nav.q_nb, nav.vel, x)
+        return NavState(q_nb, vel, nav.pos)
+
+
+@kernel("(4),(3),(n)->(4),(3)")
+def _corrected(q_nb: Array, vel: Array, x: Array, new_q: Array, new_vel: Array) -> None:
+    put_quaternion(multiply(correction(vector(x[2:5])), quaternion(q_nb)), new_q)
+    put_vector((vel[0] - x[0], vel[1] - x[1], vel[2]), new_vel)
