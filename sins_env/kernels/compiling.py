@@ -211,11 +211,12 @@ def _globals(function: Any) -> dict[str, Any]:
     return {name: known[name] for name in function.__code__.co_names if name in known}
 
 
-def _for_numba(function: Any) -> Any:
-    """Return the function with compiled helpers among its globals."""
+def _for_numba(function: Any, file: str | None = None) -> Any:
+    """Return the function with compiled helpers among its globals, as if it stood in another ``file``."""
     found = {name: value for name, value in _globals(function).items() if isinstance(value, types.FunctionType)}
     scope = {**function.__globals__, **{name: _inlined(value) for name, value in found.items()}}
-    copy = types.FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
+    code = function.__code__.replace(co_filename=file) if file else function.__code__
+    copy = types.FunctionType(code, scope, function.__name__, function.__defaults__)
     return update_wrapper(copy, function, updated=())
 
 
@@ -255,10 +256,20 @@ def _build(one: Kernel, cache: bool) -> Any:
         for i, (kind, shape) in enumerate(zip(types_, shapes, strict=True))
     ]
     _closure(one.py_func)
-    builder = GUFuncBuilder(_for_numba(one.py_func), "()->()", cache=cache, targetoptions={"nopython": True})
+    body = _for_numba(one.py_func, str(_source(one)) if cache else None)
+    builder = GUFuncBuilder(body, "()->()", cache=cache, targetoptions={"nopython": True})
     builder.signature, builder.sin, builder.sout = one.layout, _Shapes(inputs, outputs), outputs
     builder.add(numba.types.none(*arrays))
     return builder.build_ufunc()
+
+
+def _source(one: Kernel) -> Path:
+    """Return the copy of a kernel's file beside its compiled code: Numba knows code by the path of its file, and this is the same
+    for every checkout, so that equal ones share the code."""
+    file = one.folder / "source.py"
+    if not file.exists():
+        file.write_bytes(_bytes(one.py_func.__code__.co_filename))
+    return file
 
 
 @contextmanager

@@ -210,8 +210,8 @@ def tangent(g: Function, x: Array, scale: Array) -> tuple[Array, Array]:
         return g(x), g.matrix
     if analytic is not None:
         return g(x), analytic(x)
-    grid, step = _stencil(x, scale, _signs(x.shape[-1]))
-    value, J = _slope(g(grid), step)
+    grid, width = _stencil(x, scale, _signs(x.shape[-1]))
+    value, J = _slope(g(grid), width)
     return value, J
 
 
@@ -222,22 +222,25 @@ def _signs(n: int) -> Array:
 
 
 @kernel("(n),(n),(p,n)->(p,n),(n)")
-def _stencil(x: Array, scale: Array, signs: Array, grid: Array, step: Array) -> None:
-    for j in range(len(x)):
+def _stencil(x: Array, scale: Array, signs: Array, grid: Array, width: Array) -> None:
+    """Fill in the points of central differences, and the distances between the two of each state as they are after rounding."""
+    n = len(x)
+    for j in range(n):
         h, least = STEP * scale[j], RELATIVE_STEP * abs(x[j])
         if h - least != h - least:  # NaN, which a comparison by size would report
             h = np.nan
         elif h < least:
             h = least
-        step[j] = h = RELATIVE_STEP if h == 0.0 else h
+        h = RELATIVE_STEP if h == 0.0 else h
         for i in range(len(signs)):
             grid[i, j] = x[j] + signs[i, j] * h
+        width[j] = grid[j, j] - grid[n + j, j]
 
 
 @kernel("(p,m),(n)->(m),(m,n)")
-def _slope(y: Array, step: Array, value: Array, J: Array) -> None:
-    n = len(step)
+def _slope(y: Array, width: Array, value: Array, J: Array) -> None:
+    n = len(width)
     for i in range(len(value)):
         value[i] = y[2 * n, i]
         for j in range(n):
-            J[i, j] = (y[j, i] - y[n + j, i]) * (0.5 / step[j])
+            J[i, j] = (y[j, i] - y[n + j, i]) / width[j]
