@@ -264,8 +264,10 @@ def _build(one: Kernel, cache: bool) -> Any:
 
 
 def _source(one: Kernel) -> Path:
-    """Return the copy of a kernel's file beside its compiled code: Numba knows code by the path of its file, and this is the same
-    for every checkout, so that equal ones share the code."""
+    """Return the copy of a kernel's file beside its compiled code.
+
+    Numba knows code by the path of its file. This one is the same for every checkout, so equal ones share the code.
+    """
     file = one.folder / "source.py"
     if not file.exists():
         file.write_bytes(_bytes(one.py_func.__code__.co_filename))
