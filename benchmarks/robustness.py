@@ -52,9 +52,11 @@ LONG_S = 300.0  #: s, after which a command counts as hanging; the machine may b
 #: The command line, with a task of 10 s for trials that play runs, and one of 20 s, of which version 0.1.0 made runs.
 COMMAND = """
 import dataclasses, sys
+from sins_env.cli.interrupts import quiet
 from sins_env.cli.main import main
-from sins_env.evaluation.tasks.catalogue import TASKS
 if __name__ == "__main__":
+    with quiet():
+        from sins_env.evaluation.tasks.catalogue import TASKS
     long = TASKS["sway-white-v0"]
     for name, seconds in ("brief-v0", 10.0), ("short-v0", 20.0):
         kwargs = {**long.kwargs, "duration": seconds}
@@ -107,6 +109,7 @@ class Trials:
         (self.folder / "tmp").mkdir()
         (self.folder / "tmp").chmod(0o777)
         (self.folder / "mine.py").write_text(STRANGER)
+        (self.keep / "sins-env").write_text(COMMAND)
         begin = time.monotonic()
         self.must(self.evaluation("kept/whole.sqlite"))
         self.eval_s = time.monotonic() - begin  #: duration of an undisturbed evaluation, s
@@ -119,7 +122,7 @@ class Trials:
 
     def start(self, words: Sequence[str], script: bool = False, **settings: Any) -> subprocess.Popen[str]:
         """Start a command in a session of its own, where Ctrl-C is heard."""
-        command = [str(SCRIPT)] if script else [sys.executable, "-c", COMMAND]
+        command = [str(SCRIPT)] if script else [sys.executable, str(self.keep / "sins-env")]
         environment = {
             **os.environ, MARK: self.mark, "TMPDIR": str(self.folder / "tmp"), "PYTHONPATH": str(ROOT),
             "OPENBLAS_NUM_THREADS": "1", "MPLCONFIGDIR": str(self.keep / "mpl"), "COLUMNS": "100",
@@ -427,7 +430,7 @@ def interrupt(trials: Trials, rng: np.random.Generator) -> None:
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGINT)
     ended = trials.end(process)
-    ours = any(part in ended.err for part in ("sins-env", f"{ROOT}/sins_env/", f"{ROOT}/solvers/"))
+    ours = any(part in ended.err for part in ("sins-env: ", f"{ROOT}/sins_env/", f"{ROOT}/solvers/"))
     if ended.code == 0:
         assert ended.err.count("\n") <= 1, f"exit code 0: {ended.err[-600:]}"
     elif ours or not ((ended.code, ended.err) == (-signal.SIGINT, "") or "KeyboardInterrupt" in ended.err):

@@ -36,7 +36,7 @@ def execute(argv: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         fit(stream)
     try:
-        code = _run(arguments)
+        code = _interruptible(arguments)
         sys.stdout.flush()
         return code
     except SystemExit as error:  # --help
@@ -54,6 +54,19 @@ def execute(argv: Sequence[str] | None = None) -> int:
         if os.environ.get("SINS_ENV_TRACEBACK"):
             raise
         return _said(f"{type(error).__name__}: {error} (SINS_ENV_TRACEBACK=1 shows where)", 1)
+
+
+def _interruptible(arguments: list[str]) -> int:
+    """Run one command; Ctrl-C that an import has turned into another error is Ctrl-C again."""
+    try:
+        return _run(arguments)
+    except Exception as error:
+        cause: BaseException | None = error
+        while cause is not None:
+            if isinstance(cause, KeyboardInterrupt):
+                raise KeyboardInterrupt from error
+            cause = cause.__cause__ or cause.__context__
+        raise
 
 
 def _run(arguments: list[str]) -> int:

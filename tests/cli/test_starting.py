@@ -38,3 +38,17 @@ def test_ctrl_c_at_the_edges(tmp_path, command, name):
     else:
         assert done.stderr == "sins-env: interrupted\n"
         assert done.returncode in (130, -signal.SIGINT)  # which a shell calls 130, too
+
+
+def test_ctrl_c_that_became_another_error(cli, monkeypatch):
+    """Before Python 3.12 that is what ``__set_name__`` makes of it while a class is made."""
+
+    def interrupted(seed):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise RuntimeError("Error calling __set_name__") from error
+
+    monkeypatch.setattr("sins_env.cli.verbs.results_file.seed_hash", interrupted)
+    code, _, err = cli("suite-hash", "--seed", 2**70)
+    assert (code, err) == (130, ["sins-env: interrupted"])
