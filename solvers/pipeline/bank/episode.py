@@ -133,7 +133,7 @@ class Episode:
         _, me = self._aid.read(rows, s.ins.nav)
         if me is not None:
             s = self._lose(self._fix(s, me, np.flatnonzero(rows["gps_valid"][:, 0] == 1)))
-        if self._k % TIDY_EVERY == 0 and len(s.run) > len(np.unique(s.run)):
+        if self._k % TIDY_EVERY == 0 and (s.run[1:] == s.run[:-1]).any():
             s = self._frame.tidy(s, self._runs)
         return s
 
@@ -166,7 +166,7 @@ class Episode:
 
     def _lose(self, s: Slices) -> Slices:
         """Drop slices that are not finite; a run without any is lost."""
-        parts = (s.ins.nav.q_nb, s.ins.nav.vel, s.mean, s.cov, s.weight)
+        parts = (s.mean, s.cov, s.weight)
         if all(math.isfinite(np.add.reduce(part, axis=None)) for part in parts):
             return s
         well = np.all([np.isfinite(part).reshape(len(part), -1).all(axis=-1) for part in parts], axis=0)
@@ -181,8 +181,8 @@ class Episode:
         if self.slices is not None and len(self.slices.run):
             s = self.slices
             view = self._frame.view(s, self._runs)
-            runs = np.unique(s.run)
-            at = s.take(view.top[runs]).ins.nav
+            runs = np.flatnonzero(view.top >= 0)
+            at = NavState(*(part[view.top[runs]] for part in s.ins.nav))
             nav = self._coordinates.corrected(self._frame.mean(s, view, self._runs)[runs], at)
             self._nav = NavState(*(_replaced(old, runs, new) for old, new in zip(self._nav, nav, strict=True)))
         answer = np.concatenate(self._nav, axis=-1) if self.task.navigate else self._nav.q_nb.copy()
@@ -196,9 +196,12 @@ class Episode:
         P = np.tile(told.P0[np.ix_(places, places)], (self._runs, 1, 1))
         if self.slices is not None and len(self.slices.run):
             s = self.slices
-            view, runs = self._frame.view(s, self._runs), np.unique(s.run)
+            view = self._frame.view(s, self._runs)
+            runs = np.flatnonzero(view.top >= 0)
             xi = self._frame.gaussian(s, view, self._runs)
-            x = self._coordinates.gaussian(Gaussian(xi.mean[runs], xi.cov[runs]), s.take(view.top[runs]).ins.nav)
+            x = self._coordinates.gaussian(
+                Gaussian(xi.mean[runs], xi.cov[runs]), NavState(*(part[view.top[runs]] for part in s.ins.nav))
+            )
             here = self._errors.states.span(*reported.names)
             P[runs] = feedback.corrected_covariance(x.mean[..., self._phi], x.cov[..., here, here])
         return P[0] if self._single else P
@@ -234,6 +237,8 @@ class Episode:
 
 def _rows(obs: Observation, run: NDArray[np.int64]) -> Observation:
     """Return the observation of the run of each slice."""
+    if len(run) == len(obs["dtheta"]) and (run[1:] > run[:-1]).all():
+        return obs  # one slice in each run
     return cast(Observation, {name: np.asarray(value)[run] for name, value in obs.items()})
 
 

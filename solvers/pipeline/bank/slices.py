@@ -116,15 +116,20 @@ def best(weight: Array, run: NDArray[np.int64], runs: int) -> NDArray[np.int64]:
 
 
 class View(NamedTuple):
-    """How slices are seen from the best one of their run: xi there is d + K xi."""
+    """How slices are seen from the best one of their run: xi there is d + K xi.
+
+    In the best slices d = 0 and K = I. If no run has others, both are None.
+    """
 
     top: NDArray[np.int64]  #: (runs,), index of the best slice of each run
-    d: Array  #: (N, n)
-    K: Array  #: (N, n, n)
+    d: Array | None  #: (N, n)
+    K: Array | None  #: (N, n, n)
     moving: int  #: number of states that K changes, which come first
 
     def seen(self, s: Slices) -> Gaussian:
         """Return the Gaussians (N, M, n), (N, M, n, n) of the slices as errors of the INS of the best one."""
+        if self.d is None or self.K is None:
+            return s.x
         return Gaussian(s.mean @ self.K.mT + self.d[:, None], carried(self.K, s.cov, self.moving))
 
 
@@ -169,17 +174,20 @@ class Frame:
         """Return how the slices are seen from the best one of their run."""
         top = best(s.weight, s.run, runs)
         N, n = len(s.run), s.mean.shape[-1]
-        d, K = np.zeros((N, n)), np.broadcast_to(np.eye(n), (N, n, n)).copy()
         other = np.flatnonzero(np.arange(N) != top[s.run])
-        if len(other):
-            d[other] = self.difference(s.take(top[s.run[other]]), s.take(other))
-            k = slice(self.moving)
-            K[other, k, k] = np.linalg.inv(right_jacobian(d[other], self.errors.states)[:, k, k])
+        if not len(other):
+            return View(top, None, None, self.moving)
+        d, K = np.zeros((N, n)), np.broadcast_to(np.eye(n), (N, n, n)).copy()
+        d[other] = self.difference(s.take(top[s.run[other]]), s.take(other))
+        k = slice(self.moving)
+        K[other, k, k] = np.linalg.inv(right_jacobian(d[other], self.errors.states)[:, k, k])
         return View(top, d, K, self.moving)
 
     def mean(self, s: Slices, view: View, runs: int) -> Array:
         """Return the mean (runs, n) of the slices of each run as errors of the INS of its best one."""
-        seen = (view.K @ conditional_mean(s.weight, s.mean)[..., None])[..., 0] + view.d
+        seen = conditional_mean(s.weight, s.mean)
+        if view.d is not None and view.K is not None:
+            seen = (view.K @ seen[..., None])[..., 0] + view.d
         return sum_by_run(s.weight.sum(axis=-1)[:, None] * seen, s.run, runs)
 
     def gaussian(self, s: Slices, view: View, runs: int) -> Gaussian:

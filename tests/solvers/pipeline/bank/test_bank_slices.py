@@ -73,6 +73,19 @@ def test_a_slice_seen_from_another_is_the_same_true_state():
             np.testing.assert_array_equal(view.K[j], np.eye(n))
 
 
+def test_one_slice_in_each_run_is_seen_as_it_is():
+    """And so is the best slice beside others, bit for bit."""
+    rng = np.random.default_rng(11)
+    s = made(rng, [0, 1, 1, 2])
+    s.weight[2] *= 1e-3
+    alone = s.take(np.array([0, 1, 3]))
+    view, own = FRAME.view(s, 3), FRAME.view(alone, 3)
+    assert own.d is None
+    for found, expected in zip(view.seen(s), alone.x, strict=True):
+        np.testing.assert_array_equal(found[[0, 1, 3]], expected)
+    np.testing.assert_array_equal(FRAME.mean(s, view, 3)[[0, 2]], FRAME.mean(alone, own, 3)[[0, 2]])
+
+
 def test_reset_against_monte_carlo():
     """Draws of xi go through log(Exp(-m) Exp(xi)); mean and covariance are those of the reset, within 5 standard errors."""
     rng = np.random.default_rng(6)
