@@ -17,9 +17,9 @@ from sins_env.types import Observation
 
 
 def level(obs: Observation) -> Array:
-    """Return q_nb (..., 4) with heading zero and the level of the specific force in an epoch."""
+    """Return q_nb (..., 4) with heading zero and the level of the specific force in an epoch; level if there is no force."""
     force = obs["dvel"].sum(axis=-2)
-    force = force / np.sqrt((force * force).sum(axis=-1, keepdims=True))
+    force = force / np.maximum(np.sqrt((force * force).sum(axis=-1, keepdims=True)), attitude.TINY)
     pitch, roll = np.arcsin(np.clip(force[..., 1], -1.0, 1.0)), np.arctan2(-force[..., 0], force[..., 2])
     return attitude.from_euler(np.zeros(pitch.shape), pitch, roll)
 

@@ -83,7 +83,8 @@ class Episode:
                 cut = start.told(nav, self.task.prior, self._spacing)
                 self._add(np.arange(self._runs), StrapdownState(cut[0], None), *cut[1:], self.task.prior)
         if self.slices is not None:
-            self.slices = self._advance(self.slices, obs)
+            with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # such runs are marked instead
+                self.slices = self._advance(self.slices, obs)
         if self._waiting.any():
             self._wait(obs)
         return self._answer()

@@ -23,6 +23,7 @@ def test_level_from_the_force_of_an_epoch():
     q_nb = switch_on.level({"dvel": np.repeat(0.01 * force[:, None], 10, axis=1)})
     found = attitude.to_euler(attitude.to_dcm(q_nb))
     np.testing.assert_allclose(found, [np.zeros(20), pitch, roll], atol=1e-12)
+    np.testing.assert_array_equal(switch_on.level({"dvel": np.zeros((3, 3))}), [1.0, 0.0, 0.0, 0.0])
 
 
 def record(env_id, runs, epochs, **settings):
