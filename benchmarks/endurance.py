@@ -197,7 +197,7 @@ def _smooth(seen: Endured, steps: Any, spied: Spied, lagged: deque[tuple[Array, 
         if _due(loop, HOURS):
             ins, true = lagged[0]
             phi = attitude.misalignment(ins, true)
-            seen.nees.append(float(nees(phi - x.mean[:, PHI], x.cov[:, PHI, PHI]).mean()) / 3.0)
+            seen.nees.append(float(nees(attitude.wrap(phi - x.mean[:, PHI]), x.cov[:, PHI, PHI]).mean()) / 3.0)
 
 
 def _covariance(estimator: Any) -> Array:
