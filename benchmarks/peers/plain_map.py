@@ -1,6 +1,6 @@
 """The epoch map of the ten errors in plain numbers, for packages that pass one state at a time, and for JAX.
 
-:class:`solvers.pipeline.errors.alignment.AlignmentMap` works on planes of components in NumPy, in place. Here the same map is
+:class:`solvers.pipeline.errors.alignment.AlignmentMap` is a compiled kernel. Here the same map is
 written component by component, for floats (``math``) and for JAX (``jax.numpy``) alike.
 Equations: docs/mathematics/error_models.md#epoch-map.
 """
