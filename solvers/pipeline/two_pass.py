@@ -21,6 +21,7 @@ import numpy as np
 
 from sins_env.arrays import Array
 from sins_env.checks import keep, number
+from sins_env.types import Rng, Task
 from solvers.filters.brief import changed
 from solvers.filters.kalman.kf import KF
 from solvers.filters.sigma.ckf import CKF
@@ -165,6 +166,18 @@ class TwoPass(Aligner):
         super().__init__(
             TwoPassFilter(relinearise_s), model=model, bias_frame=bias_frame, feedback="open", coarse=coarse
         )
+
+    def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
+        """Begin an episode.
+
+        Raises:
+            ValueError: the task navigates, or has an unknown start without a coarse phase.
+        """
+        if task.start is None and not task.coarse_s:
+            raise ValueError(
+                f"two_pass on {task.id} with an unknown start and coarse = 0; allowed: a told start, or a coarse phase"
+            )
+        super().reset(task, rng, num_runs)
 
     def __repr__(self) -> str:
         values = {**vars(self.filter), **vars(self.settings)}

@@ -62,6 +62,13 @@ def test_each_run_begins_at_its_own_first_fix(env_id, name):
         assert alone.health().failed_at == -1
 
 
+def test_two_passes_need_a_start():
+    env = gymnasium.make("SINS/AlignSway-v0", start="unknown", coarse=0.0, duration=6.0)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="unknown start and coarse = 0; allowed: a told start, or a coarse phase"):
+        solvers.make("two_pass").reset(env.unwrapped.task, None)
+
+
 def test_a_drive_that_begins_in_motion():
     """A car at 15 m/s that turns after 10 s: heading to 2 deg after 25 s, as far as its covariance says."""
     turn = {"duration_s": 10.0, "heading_rate_deg_s": 9.0}
