@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Self
 
 from sins_env.evaluation.store import inspection
-from sins_env.evaluation.store.schema import MIGRATIONS, REINDEX, SCHEMA, SCHEMA_VERSION
+from sins_env.evaluation.store.schema import MIGRATIONS, REINDEX, SCHEMA, SCHEMA_VERSION, UNINDEX
 
 APPLICATION_ID = 0x53494E53  #: mark of our files in the SQLite header, "SINS"
+_NAMES_A_FILE = bytes.fromhex("d9d505f920a163d7")  #: end of a rollback journal that names another file
 BUSY_S = 30.0  #: longest wait for another program that has locked the file, s
 
 
@@ -37,6 +38,7 @@ class Database:
             raise StoreError(f"{self.path}: no such results file; sins-env eval makes one")
         if not read_only and self.path.exists() and not os.access(self.path, os.W_OK):
             raise StoreError(f"{self.path}: cannot be written (read-only)")
+        _refuse_foreign_journal(self.path)
         with self.explaining():
             self.connection = _open_read_only(self.path) if read_only else _connect(self.path)
             try:
@@ -91,10 +93,12 @@ class Database:
             return False
         try:
             inspection.inspect_kinds(db)
+            db.execute(UNINDEX)  # an older index may compute anything
+            inspection.inspect_pages(db)
         except ValueError as error:
             raise StoreError(f"{self.path}: {error}") from error
         steps = itertools.chain.from_iterable(MIGRATIONS[version] for version in range(found, SCHEMA_VERSION))
-        for statement in [*steps, *REINDEX]:
+        for statement in [*steps, REINDEX]:
             db.execute(statement)
         db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         return True
@@ -150,6 +154,21 @@ class Database:
             yield
         except (TypeError, ValueError, KeyError) as error:
             raise StoreError(f"{self.path}: {what} cannot be read ({error})") from error
+
+
+def _refuse_foreign_journal(path: Path) -> None:
+    """Refuse a rollback journal that names another file, which SQLite would remove after it has rolled back.
+
+    SQLite writes the name for transactions over several files. This package has none.
+    """
+    journal = path.resolve().with_name(f"{path.resolve().name}-journal")
+    if not journal.is_file():
+        return
+    with open(journal, "rb") as file:
+        file.seek(max(journal.stat().st_size - len(_NAMES_A_FILE), 0))
+        if file.read() != _NAMES_A_FILE:
+            return
+    raise StoreError(f"{journal}: names another file, as no journal of sins-env does; remove it to open {path.name}")
 
 
 def _connect(target: str | Path) -> sqlite3.Connection:

@@ -35,9 +35,16 @@ class _Rule(NamedTuple):
         return self._replace(wrong=f"{{0}} IS NOT {usual!r} AND ({self.wrong})")
 
 
-_NAME = _Rule(f"typeof({{0}}) <> 'text' OR length({{0}}) NOT BETWEEN 1 AND {MOST_NAME}", f"1 to {MOST_NAME} characters")
+#: The length of a text in SQL ends at a zero byte, that of a blob does not; UTF-8 has up to four bytes a character.
+_NAME = _Rule(
+    f"typeof({{0}}) <> 'text' OR length({{0}}) NOT BETWEEN 1 AND {MOST_NAME} "
+    f"OR length(CAST({{0}} AS BLOB)) > {4 * MOST_NAME}",
+    f"1 to {MOST_NAME} characters",
+)
 _TEXT = _Rule("typeof({0}) <> 'text'", "text")
 _OPTIONAL = _Rule("typeof({0}) NOT IN ('text', 'null')", "text, or NULL")
+_OPTIONAL_NAME = _Rule(f"{{0}} IS NOT NULL AND ({_NAME.wrong})", f"{_NAME.allowed}, or NULL")
+_SESSION = _Rule("typeof({0}) NOT IN ('integer', 'null')", "the id of a session, or NULL")
 _COUNT = _Rule("typeof({0}) <> 'integer' OR {0} < 0", "a whole number that is not negative")
 #: Numbers of a field by unit. SQLite orders numbers before text and blobs, so that one comparison tells both.
 _OF_UNIT = {
@@ -61,14 +68,18 @@ _NAMES = [name for name in KEY if name != "run"]
 _COMBINED = f"(SELECT min(rowid) AS rowid, {', '.join(_NAMES)} FROM runs GROUP BY {', '.join(_NAMES)})"
 #: Tables with the rule of each column, and where to read them; those of fields follow from the kinds of the fields.
 _RULES: list[tuple[str, str, dict[str, _Rule]]] = [
-    ("tasks", "tasks", {"task": _NAME, **dict.fromkeys(("criteria", "definition", "digest", "bound"), _OPTIONAL)}),
-    ("sessions", "sessions", dict.fromkeys(("started", "versions", "machine"), _TEXT)),
+    (
+        "tasks",
+        "tasks",
+        {"task": _NAME, **dict.fromkeys(("criteria", "definition", "bound"), _OPTIONAL), "digest": _OPTIONAL_NAME},
+    ),
+    ("sessions", "sessions", {"started": _NAME, "versions": _TEXT, "machine": _NAME}),
     (
         "costs",
         "costs",
         {
             **dict.fromkeys(("task", "solver", "settings_hash", "code"), _NAME),
-            **{"median_us": _TIME, "p95_us": _TIME, "ratio": _RATIO},
+            **{"session": _SESSION, "median_us": _TIME, "p95_us": _TIME, "ratio": _RATIO},
         },
     ),
     ("runs", _COMBINED, dict.fromkeys(_NAMES, _NAME)),
@@ -77,6 +88,7 @@ _RULES: list[tuple[str, str, dict[str, _Rule]]] = [
         "runs",
         {
             "run": _COUNT,
+            "session": _SESSION,
             **{name: _TOLD[one.kind].but(one.usual) for one in TOLD for name in one.columns},
             **_numbers(SCORES),
         },
@@ -99,8 +111,9 @@ def _at(table: str, row: int, column: str) -> Iterator[None]:
 
 
 def limit(db: sqlite3.Connection) -> None:
-    """Make a connection refuse functions in the schema of a file, damaged cells, and rows larger than MOST_BYTES."""
+    """Make a connection refuse damaged cells and rows larger than MOST_BYTES, and compute nothing that a file names."""
     db.execute("PRAGMA trusted_schema = OFF")
+    db.execute("PRAGMA ignore_check_constraints = ON")
     db.execute("PRAGMA cell_size_check = ON")
     db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
 
@@ -109,11 +122,28 @@ def inspect_kinds(db: sqlite3.Connection) -> None:
     """Check that a file of any schema has nothing but tables and indices of this package.
 
     Raises:
-        ValueError: a trigger, a view, or a table or index of another name.
+        ValueError: a trigger, a view, a computed column, or a table or index of another name.
     """
     for kind, name, sql in _objects(db):
         if (kind, name) not in _LAYOUT or not re.match(rf"CREATE {kind}\b", sql, re.IGNORECASE):
             raise ValueError(f"it has the {kind} {name!r}; allowed: {_allowed()}")
+        for (column,) in db.execute("SELECT name FROM pragma_table_xinfo(?) WHERE hidden", (name,)):
+            raise ValueError(f"the table {name} has the computed column {column!r}; allowed: {name} of sins-env")
+
+
+def inspect_pages(db: sqlite3.Connection) -> None:
+    """Check that the pages of the tables are trees, each page once, and that their indices have the same rows.
+
+    It comes before any scan: in pages that refer to one page many times a scan would have no end.
+
+    Raises:
+        ValueError: a damaged file.
+    """
+    for kind, name, _ in _objects(db):
+        if kind == "table" and name != "histories":
+            for (text,) in db.execute(f"PRAGMA integrity_check({name})"):
+                if text != "ok":
+                    raise ValueError(f"damaged ({text})")
 
 
 def inspect(db: sqlite3.Connection) -> None:
@@ -132,6 +162,7 @@ def inspect(db: sqlite3.Connection) -> None:
             raise ValueError(
                 f"the {kind} {name} {'lacks' if text in expected else 'has'} {text!r}; allowed: {name} of sins-env"
             )
+    inspect_pages(db)
     for table, source, rules in _RULES:
         _inspect_values(db, table, source, rules)
     for _ in db.execute(f"SELECT * FROM {_COMBINED}"):
@@ -141,10 +172,6 @@ def inspect(db: sqlite3.Connection) -> None:
     for row, versions in db.execute("SELECT rowid, versions FROM sessions"):
         with _at("sessions", row, "versions"):
             rows.versions_of(versions)
-    for table in {table for table, _, _ in _RULES}:
-        for (text,) in db.execute(f"PRAGMA quick_check({table})"):
-            if text != "ok":
-                raise ValueError(f"damaged ({text})")
 
 
 def _objects(db: sqlite3.Connection) -> list[tuple[str, str, str]]:

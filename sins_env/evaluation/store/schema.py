@@ -112,4 +112,4 @@ def _rebuilt() -> tuple[str, ...]:
 #: Statements that migrate each older schema to the next. The index follows at the end, because it uses present columns.
 MIGRATIONS = {version: _added(version + 1) for version in range(1, SCHEMA_VERSION)}
 MIGRATIONS |= {2: _rebuilt(), 3: (_spans(4),)}
-REINDEX = ("DROP INDEX IF EXISTS troubles", _TROUBLES)
+UNINDEX, REINDEX = "DROP INDEX IF EXISTS troubles", _TROUBLES
