@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
+from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 from types import TracebackType
 from typing import Any, TypeVar
@@ -42,6 +43,7 @@ class Processes:
         if workers is not None and workers < 1:
             raise ValueError(f"workers = {workers!r}; allowed: at least 1")
         self.workers = workers or available_cores()
+        resource_tracker.ensure_running()  # which unblocks Ctrl-C when it starts, for the workers after it too
         self._context = _Spawn()
         #: Run-epochs done by the job in each slot; the last element tells the workers to stop.
         self._shared = self._context.RawArray("q", self.workers + 1)

@@ -2,9 +2,12 @@
 
 import os
 import signal
+import subprocess
+import sys
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 
 import pytest
+from places import ROOT
 
 from sins_env.evaluation.play import pool
 from sins_env.evaluation.play.pool import Processes
@@ -41,6 +44,26 @@ class Threads(ThreadPoolExecutor):
 def test_a_call_whose_worker_dies_once_is_made_again(tmp_path):
     with Processes(1) as where:
         assert where.call(dies_at, str(tmp_path), 1) == 2
+
+
+HELD = """
+import signal
+from sins_env.evaluation.play.pool import Processes
+if __name__ == "__main__":
+    with Processes(1) as where:
+        print(signal.SIGINT in where.call(signal.pthread_sigmask, signal.SIG_BLOCK, []))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no signal masks")
+def test_a_worker_never_hears_ctrl_c(tmp_path):
+    """In a fresh process, where the resource tracker of multiprocessing does not run yet."""
+    (tmp_path / "held.py").write_text(HELD)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "held.py"], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120
+    )
+    assert (done.stdout, done.stderr) == ("True\n", "")
 
 
 def test_a_call_whose_worker_dies_twice_has_no_result(tmp_path, monkeypatch):
