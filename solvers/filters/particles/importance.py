@@ -13,13 +13,16 @@ from numpy.typing import NDArray
 
 from sins_env.arrays import Array, Mask
 from sins_env.kernels import helper, kernel
+from sins_env.kernels.algebra import inner
 from solvers.blocks.conditioning import inverse_lower, reciprocal
+from solvers.blocks.moments import linear_moments
 from solvers.blocks.square_root import cholesky, either
 from solvers.types import Function, Gaussian, Linear, Moments, NoiseLaw
 
 LIKELIHOODS = ("told", "gaussian")
-LANES = 64  #: particles that a kernel handles at a time, as planes that stay in the cache: the length of their rows
-TEMPORARIES = 16  #: assumed number of temporary arrays, of the size of its argument, that f or h makes
+LANES = 128  #: particles that a kernel handles at a time, as planes that stay in the cache: the length of their rows
+#: Assumed number of temporary arrays, of the size of its argument, that f or h makes, unless its ``temporaries`` says so.
+TEMPORARIES = 16
 
 
 @helper
@@ -42,8 +45,8 @@ def load(x: Array, start: int, origin: Array, X: Array) -> int:
 def store(X: Array, start: int, count: int, x: Array) -> None:
     """Write planes X (n, LANES) into the ``count`` particles of x (M, n) from ``start`` on."""
     part = x[start : start + count]
-    for i in range(len(X)):
-        for j in range(count):
+    for j in range(count):
+        for i in range(len(X)):
             part[j, i] = X[i, j]
 
 
@@ -59,28 +62,26 @@ def add_product(A: Array, X: Array, Y: Array) -> None:
 
 
 @helper
-def scatter(x: Array, weights: Array, mean: Array, cov: Array) -> None:
-    """Fill cov (n, n) with the sum of w (x - mean) (x - mean)' over particles x (M, n)."""
+def weighted_sums(x: Array, weights: Array, origin: Array, first: Array, second: Array) -> None:
+    """Fill first (n) and second (n, n) with the sums of w d and w d d' over particles x (M, n), d = x - origin."""
     points, n = x.shape
-    X, weighted = np.empty((n, LANES)), np.empty(LANES)
-    sums = np.zeros((n, n, LANES))  # a sum for each lane, which makes vector code
+    X, weighted, ones = np.empty((n, LANES)), np.empty(LANES), np.ones(LANES)
+    first[:] = 0.0
+    second[:] = 0.0
     for start in range(0, points, LANES):
-        count = load(x, start, mean, X)
+        count = load(x, start, origin, X)
         w = weights[start : start + count]
         for i in range(n):
             for j in range(count):
                 weighted[j] = w[j] * X[i, j]
             for j in range(count, LANES):
                 weighted[j] = 0.0
+            first[i] += inner(weighted, ones, LANES)
             for k in range(i + 1):
-                for j in range(LANES):
-                    sums[i, k, j] += weighted[j] * X[k, j]
+                second[i, k] += inner(weighted, X[k], LANES)
     for i in range(n):
-        for k in range(i + 1):
-            total = 0.0
-            for j in range(LANES):
-                total += sums[i, k, j]
-            cov[i, k] = cov[k, i] = total
+        for k in range(i):
+            second[k, i] = second[i, k]
 
 
 def log_density(residual: Array, R: Array, law: NoiseLaw | None = None) -> Array:
@@ -160,13 +161,14 @@ def law_for(likelihood: str, law: NoiseLaw | None) -> NoiseLaw | None:
 def through(g: Function, x: Array, memory_mb: float) -> Array:
     """Return g at particles (*batch, M, n), in slices of the particle axis whose temporaries fit in ``memory_mb``.
 
-    The runs cannot be separated, because g is bound to its batch. Small slices are faster too, for they stay in the cache.
+    The runs cannot be separated, because g is bound to its batch. Small slices are faster too, for they stay in the cache. A
+    compiled map makes no temporaries and gets all particles at once.
     """
     if isinstance(g, Linear):
         m, n = g.matrix.shape[-2:]
         image: Array = affine(x, np.zeros(n), g.matrix, np.zeros(m) if g.offset is None else g.offset)
         return image
-    per_particle = TEMPORARIES * x[..., :1, :].nbytes
+    per_particle = getattr(g, "temporaries", TEMPORARIES) * x[..., :1, :].nbytes
     step = max(1, int(memory_mb * 1e6 / max(per_particle, 1)))
     count = x.shape[-2]
     if step >= count:
@@ -191,18 +193,23 @@ def cloud_moments(x: Array, weights: Array | None = None) -> Gaussian:
 
 @kernel("(p,n),(p)->(n),(n,n)")
 def _moments(x: Array, weights: Array, mean: Array, cov: Array) -> None:
-    mean[:] = 0.0
-    for j in range(len(x)):
-        for i in range(len(mean)):
-            mean[i] += weights[j] * x[j, i]
-    scatter(x, weights, mean, cov)
+    n = len(mean)
+    origin = np.empty(n)
+    for i in range(n):
+        origin[i] = x[0, i]  # near the mean, so that nothing cancels
+    weighted_sums(x, weights, origin, mean, cov)
+    for i in range(n):
+        for k in range(n):
+            cov[i, k] -= mean[i] * mean[k]
+    for i in range(n):
+        mean[i] += origin[i]
 
 
 @kernel("(p,n)->(n,n)")
 def second_moments(x: Array, out: Array) -> None:
     """Return the mean (..., n, n) of x x' over particles (..., M, n)."""
     points, n = x.shape
-    scatter(x, np.full(points, 1.0 / points), np.zeros(n), out)
+    weighted_sums(x, np.full(points, 1.0 / points), np.zeros(n), np.empty(n), out)
 
 
 @kernel("(p,n),(n),(m,n),(m)->(p,m)")
@@ -280,8 +287,11 @@ def taken(x: Array, indices: NDArray[np.int64], out: Array) -> None:
             out[j, i] = x[indices[j], i]
 
 
-def cloud_images(x: Array, y: Array, weights: Array) -> tuple[Gaussian, Moments]:
-    """Return the moments of particles x (..., M, n), and those of their images y (..., M, m) with cross covariance."""
+def cloud_images(h: Function, x: Array, y: Array, weights: Array) -> tuple[Gaussian, Moments]:
+    """Return the moments of particles x (..., M, n), and those of their images y = h(x) (..., M, m) with cross covariance."""
+    if isinstance(h, Linear):
+        prior = cloud_moments(x, weights)
+        return prior, linear_moments(h, prior)
     n = x.shape[-1]
     mean, cov = cloud_moments(np.concatenate([x, y], axis=-1), weights)
     images = Moments(mean[..., n:], cov[..., n:, n:], cov[..., :n, n:])

@@ -86,7 +86,7 @@ class PF(ParticleFilter):
     def correct(self, b: Cloud, me: Measurement) -> tuple[Cloud, Innovation]:
         """Weigh the particles; if few of them count, resample and roughen them, or move all to the Kalman result."""
         before, y = np.exp(b.log_w), through(me.h, b.x, self.memory_mb)
-        prior, seen = cloud_images(b.x, y, before)
+        prior, seen = cloud_images(me.h, b.x, y, before)
         law = law_for(self.likelihood, me.law)
         w, _ = normalise(b.log_w + log_density(me.z[..., None, :] - y, me.R, law))
         number = effective(w)
@@ -96,8 +96,8 @@ class PF(ParticleFilter):
         b = count(b._replace(ess=ess), fallbacks=few)
         repaired = np.zeros(few.shape, dtype=bool)
         if rows.any():
-            x = x.copy()
-            x[rows], repaired[rows] = self.renewed(b, w, rows)
+            new, repaired[rows] = self.renewed(b, w, rows)
+            x = _replaced(x, rows, new)
             w[rows] = 1.0 / self.particles
         if few.any():
             R = stand_in(me.z - seen.mean, seen.cov, me.R, law)
@@ -112,8 +112,9 @@ class PF(ParticleFilter):
     def renewed(self, b: Cloud, w: Array, rows: Mask) -> tuple[Array, Mask]:
         """Return roughened copies (runs, M, n) of the surviving particles, in the runs of the mask, and the repaired runs."""
         M, n = b.x.shape[-2:]
-        target = cloud_moments(b.x[rows], w[rows])
-        x = taken(b.x[rows], self.survivors(b, w, rows))
+        x = _chosen(b.x, rows)
+        target = cloud_moments(x, _chosen(w, rows))
+        x = taken(x, self.survivors(b, w, rows))
         S, repaired = cholesky(target.cov)
         h = bandwidth(M, n) if self.roughening is None else self.roughening
         if h:
@@ -141,6 +142,20 @@ def driven_columns(S: Array) -> Array:
     order = np.argsort(zero, axis=-1, kind="stable")
     k = int((~zero).sum(axis=-1).max())
     return np.take_along_axis(S, order[..., None, :], axis=-1)[..., :k]
+
+
+def _chosen(a: Array, rows: Mask) -> Array:
+    """Return the runs of the mask (...), a copy only if they are not all."""
+    return a.reshape(-1, *a.shape[rows.ndim :]) if rows.all() else a[rows]
+
+
+def _replaced(x: Array, rows: Mask, new: Array) -> Array:
+    """Return x with ``new`` in the runs of the mask (...)."""
+    if rows.all():
+        return new.reshape(x.shape)
+    x = x.copy()
+    x[rows] = new
+    return x
 
 
 SAME_AS = {

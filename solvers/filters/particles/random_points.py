@@ -1,7 +1,8 @@
 """Points of N(0, I) for particle filters: pseudo-random or randomised quasi-random, with a random stream for each run.
 
 A belief carries one integer key per run. A draw depends only on this key, the epoch and the purpose, by the counter-based
-generator Philox. The same belief thus draws the same points, and a run draws the same points in every batch.
+generator Philox. Normal numbers come from SFC64, whose state is three words of Philox, because it is faster. The same belief
+thus draws the same points, and a run draws the same points in every batch.
 
 Quasi-random sets are made once and moved afresh at every draw, which keeps each point uniform and each estimate unbiased. There
 are three: scrambled Sobol points, moved by a digital shift; scrambled Halton points, moved by a shift modulo one; and Halton's
@@ -70,6 +71,18 @@ def _streams(keys: Keys, epoch: int, stage: int) -> Iterator[np.random.Generator
         yield generator
 
 
+def _fast_streams(keys: Keys, epoch: int, stage: int) -> Iterator[np.random.Generator]:
+    """Yield a generator of each run that starts from its stream: SFC64 is a third faster than Philox, but has no counter."""
+    bits = np.random.SFC64(0)
+    state: Any = bits.state
+    generator = np.random.Generator(bits)
+    for stream in _streams(keys, epoch, stage):
+        words: Any = stream.bit_generator
+        state["state"]["state"] = np.array([*words.random_raw(3), 1], dtype=np.uint64)
+        bits.state = state
+        yield generator
+
+
 def uniforms(keys: Keys, epoch: int, stage: int, count: int) -> Array:
     """Draw numbers (*batch, count), uniform on [0, 1), which are multiples of 2^-53."""
     drawn = [stream.random(count) for stream in _streams(keys, epoch, stage)]
@@ -83,7 +96,7 @@ def normals(points: str, keys: Keys, epoch: int, stage: int, count: int, n: int)
     """
     if points == "random":
         out = np.empty((keys.size, count, n))
-        for stream, own in zip(_streams(keys, epoch, stage), out, strict=True):
+        for stream, own in zip(_fast_streams(keys, epoch, stage), out, strict=True):
             stream.standard_normal(out=own)
         return out.reshape(*keys.shape, count, n)
     from scipy.special import ndtri  # slow to import, needed by quasi-random points only

@@ -106,8 +106,8 @@ def _advance(
         X[0, i] += gain_E + K[0] * v_E + K[1] * v_N - sway * v_N
         X[1, i] += gain_N + K[2] * v_E + K[3] * v_N + sway * v_E
         X[2, i], X[3, i], X[4, i] = add(phi, unturned(s, c, r) if exact else r)
-    for j in range(n):
-        for i in range(points):
+    for i in range(points):
+        for j in range(n):
             out[i, j] = X[j, i]
 
 
@@ -116,6 +116,8 @@ class AlignmentMap:
 
     The parameters of aids, which follow the ten, are constant.
     """
+
+    temporaries = 0  #: number of arrays of the size of x that a call makes beside its result
 
     def __init__(self, motion: EpochMotion, exact: bool, body_biases: bool) -> None:
         self._ndim = motion.dvel_n.ndim

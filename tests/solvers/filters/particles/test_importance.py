@@ -90,12 +90,14 @@ def test_moments_against_numpy(weighted):
         weights = w[i] if weighted else np.full(60, 1 / 60)
         np.testing.assert_allclose(got.mean[i], np.average(x[i], axis=0, weights=weights), atol=1e-14)
         np.testing.assert_allclose(got.cov[i], np.cov(x[i].T, aweights=weights, bias=True), atol=1e-13)
-    y = x @ rng.standard_normal((4, 2)) + 1.0
-    prior, images = im.cloud_images(x, y, w)
-    whole = [np.cov(np.hstack([x[i], y[i]]).T, aweights=w[i], bias=True) for i in range(3)]
-    np.testing.assert_allclose(images.cross, [c[:4, 4:] for c in whole], atol=1e-13)
-    np.testing.assert_allclose(images.cov, [c[4:, 4:] for c in whole], atol=1e-13)
-    np.testing.assert_allclose(prior.cov, [c[:4, :4] for c in whole], atol=1e-13)
+    for h in (Linear(rng.standard_normal((2, 4)), np.ones(2)), lambda x: np.sin(x[..., :2])):
+        y = im.through(h, x, 1.0)
+        prior, images = im.cloud_images(h, x, y, w)
+        whole = [np.cov(np.hstack([x[i], y[i]]).T, aweights=w[i], bias=True) for i in range(3)]
+        np.testing.assert_allclose(images.mean, (w[..., None] * y).sum(axis=-2), atol=1e-14)
+        np.testing.assert_allclose(images.cross, [c[:4, 4:] for c in whole], atol=1e-13)
+        np.testing.assert_allclose(images.cov, [c[4:, 4:] for c in whole], atol=1e-13)
+        np.testing.assert_allclose(prior.cov, [c[:4, :4] for c in whole], atol=1e-13)
 
 
 def test_fit_gives_the_moments_asked_for():
