@@ -31,7 +31,8 @@ from solvers.blocks.sigma_rules import Cubature
 from solvers.blocks.square_root import cholesky, finite_items, symmetrize
 from solvers.filters.base import choose, count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
-from solvers.filters.particles.importance import LIKELIHOODS, cloud_moments, law_for, log_density, stand_in, through
+from solvers.filters.particles.importance import LIKELIHOODS, law_for, log_density, stand_in, through
+from solvers.filters.particles.planes import cloud_moments
 from solvers.filters.particles.random_points import MATCHING, Keys, check_enough, draw, particle_count, run_keys
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Moments, NoiseLaw, Transition
 

@@ -34,16 +34,14 @@ from solvers.filters.base import count
 from solvers.filters.particles.importance import (
     bandwidth,
     cloud_images,
-    cloud_moments,
     fit,
     law_for,
     log_density,
-    roughened,
     stand_in,
-    taken,
     through,
 )
 from solvers.filters.particles.particle_filter import PREDICT, ROUGHEN, Cloud, ParticleFilter, log_weights
+from solvers.filters.particles.planes import cloud_moments, roughened, taken
 from solvers.filters.particles.random_points import normals
 from solvers.registry import register
 from solvers.types import Function, Gaussian, Innovation, Measurement, Transition

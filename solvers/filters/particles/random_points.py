@@ -25,7 +25,7 @@ from sins_env.checks import refused, whole
 from sins_env.kernels import kernel
 from solvers.blocks.conditioning import inverse_lower
 from solvers.blocks.square_root import cholesky
-from solvers.filters.particles.importance import (
+from solvers.filters.particles.planes import (
     LANES,
     add_product,
     affine,
@@ -40,6 +40,7 @@ Keys = NDArray[np.int64]
 MATCHING = ("pairs", "moments", "none")
 EDGE = 1e-12  #: least distance of a uniform number u from 0 and 1
 BITS = 53  #: number of binary digits of a uniform number
+UNIT = 2.0**-BITS  #: the last of them
 
 
 def run_keys(rng: Any, batch: tuple[int, ...]) -> Keys:
@@ -187,7 +188,15 @@ def check_enough(count: int, n: int, matching: str) -> None:
 def shifted_sobol(u: Array, count: int) -> Array:
     """Return scrambled Sobol points (*batch, count, n), shifted digitally by u (*batch, n)."""
     shift = (u * 2.0**BITS).astype(np.int64)
-    return np.multiply(_sobol(count, u.shape[-1]) ^ shift[..., None, :], 2.0**-BITS, dtype=np.float64)
+    return np.asarray(_digital_shift(_sobol(count, u.shape[-1]), shift))
+
+
+@kernel("(p,n),(n)->(p,n)", "qqd")
+def _digital_shift(net: NDArray[np.int64], shift: NDArray[np.int64], out: Array) -> None:
+    """Fill in the points of a net after the exclusive or of their digits with those of the shift."""
+    for j in range(len(net)):
+        for i in range(len(shift)):
+            out[j, i] = float(net[j, i] ^ shift[i]) * UNIT
 
 
 def shifted_halton(u: Array, count: int) -> Array:

@@ -35,15 +35,14 @@ from solvers.blocks.square_root import any_of, cholesky, symmetrize
 from solvers.filters.base import count
 from solvers.filters.particles.importance import (
     bandwidth,
-    cloud_moments,
     fit,
     law_for,
     log_density,
     stand_in,
-    taken,
     through,
 )
 from solvers.filters.particles.particle_filter import PREDICT, ParticleFilter, log_weights
+from solvers.filters.particles.planes import cloud_moments, taken
 from solvers.filters.particles.random_points import Keys, normals
 from solvers.filters.relations import Relation
 from solvers.registry import register
