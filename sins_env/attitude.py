@@ -9,11 +9,17 @@ Functions are batch first; angles are in rad.
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 
 from sins_env.arrays import Array
-from sins_env.kernels import kernel
+from sins_env.kernels import helper, kernel
 from sins_env.kernels.algebra import (
+    Matrix,
+    Quaternion,
+    Vector,
     angles,
     conjugated,
     correction,
@@ -31,6 +37,7 @@ from sins_env.kernels.algebra import from_rotvec as exp_map
 from sins_env.kernels.algebra import multiply as hamilton
 from sins_env.kernels.algebra import normalize as unit
 from sins_env.kernels.algebra import to_dcm as dcm
+from sins_env.kernels.algebra import wrap as wrap
 
 
 def _left_table() -> Array:
@@ -119,9 +126,16 @@ def from_rotvec(rotvec: Array, q: Array) -> None:
     put_quaternion(exp_map(vector(rotvec)), q)
 
 
-def rotation_angle(q: Array) -> Array:
+@helper
+def angle_of(q: Quaternion) -> float:
+    """Return the angle of a rotation in [0, pi], rad. It is accurate near 0 and pi."""
+    return 2.0 * math.atan2(math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), abs(q[0]))
+
+
+@kernel("(4)->()")
+def rotation_angle(q: Array, angle: Array) -> None:
     """Return the angle of a rotation in [0, pi], rad, (...,). It is accurate near 0 and pi, and NaN if q is not finite."""
-    return 2.0 * np.arctan2(np.sqrt(np.sum(q[..., 1:] ** 2, axis=-1)), np.abs(q[..., 0]))
+    angle[0] = angle_of(quaternion(q))
 
 
 def slerp(q0: Array, q1: Array, w: Array) -> Array:
@@ -176,17 +190,28 @@ def _from_euler(heading: float, pitch: float, roll: float, q: Array) -> None:
     put_quaternion(correction((pitch, roll, -heading)), q)
 
 
+@helper
+def euler_of(C: Matrix) -> Vector:
+    """Read heading, pitch and roll from C_nb as :func:`to_euler` does."""
+    level = math.hypot(C[1], C[4])
+    pitch = math.atan2(C[7], level)
+    if level > 1e-9:
+        return math.atan2(C[1], C[4]), pitch, math.atan2(-C[6], C[8])
+    return math.atan2(-C[3], C[0]), pitch, 0.0
+
+
+@kernel("(3,3)->(),(),()")
+def _to_euler(C: Array, heading: Array, pitch: Array, roll: Array) -> None:
+    heading[0], pitch[0], roll[0] = euler_of(matrix(C))
+
+
 def to_euler(C: Array) -> tuple[Array, Array, Array]:
     """Read heading in (-pi, pi], pitch and roll, rad, from C_nb (..., 3, 3). 000 (2.2.9).
 
     At a pitch of +-90 deg the roll is set to zero.
     """
-    level = np.hypot(C[..., 0, 1], C[..., 1, 1])
-    pitch = np.arctan2(C[..., 2, 1], level)
-    regular = level > 1e-9
-    heading = np.where(regular, np.arctan2(C[..., 0, 1], C[..., 1, 1]), np.arctan2(-C[..., 1, 0], C[..., 0, 0]))
-    roll = np.where(regular, np.arctan2(-C[..., 2, 0], C[..., 2, 2]), 0.0)
-    return heading, pitch, roll
+    found: tuple[Array, Array, Array] = _to_euler(C)
+    return found
 
 
 def body_rate(angles: Array, rates: Array) -> Array:
@@ -198,8 +223,9 @@ def body_rate(angles: Array, rates: Array) -> Array:
     return np.stack(body_rate_planes(np.sin(tilt), np.cos(tilt), np.moveaxis(rates, -1, 0)), axis=-1)
 
 
-def body_rate_planes(sine: Array, cosine: Array, rates: Array) -> tuple[Array, Array, Array]:
-    """Return the components of :func:`body_rate` with components in front.
+@helper
+def body_rate_planes(sine: Any, cosine: Any, rates: Any) -> tuple[Any, Any, Any]:
+    """Return the components of :func:`body_rate` with components in front, of arrays, or of numbers in a kernel.
 
     ``sine`` and ``cosine`` are those of pitch and roll, (2, ...); ``rates`` are those of heading, pitch, roll, (3, ...).
     """
@@ -225,11 +251,6 @@ def davenport(M: Array) -> Array:
     """
     K = (M.reshape(*M.shape[:-2], 9) @ _DCM.T).reshape(*M.shape[:-2], 4, 4)
     return 0.5 * (K + np.swapaxes(K, -1, -2))
-
-
-def wrap(angle: Array) -> Array:
-    """Wrap an angle to [-pi, pi)."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def skew(v: Array) -> Array:
@@ -284,10 +305,16 @@ def misalignment_from_dcm(C: Array, phi: Array) -> None:
     put_vector(angles(matrix(C)), phi)
 
 
+@helper
+def error_of(q_computed: Quaternion, q_true: Quaternion) -> Quaternion:
+    """Return the quaternion of the misalignment of a computed attitude: that of C_n^c(phi) = C_hat_nb C_nb'."""
+    return hamilton(q_computed, conjugated(q_true))
+
+
 @kernel("(4),(4)->(3)")
 def misalignment(q_computed: Array, q_true: Array, phi: Array) -> None:
-    """Return the misalignment phi (..., 3), rad, of a computed attitude: C_n^c(phi) = C_hat_nb C_nb'."""
-    put_vector(angles(dcm(hamilton(quaternion(q_computed), conjugated(quaternion(q_true))))), phi)
+    """Return the misalignment phi (..., 3), rad, of a computed attitude."""
+    put_vector(angles(dcm(error_of(quaternion(q_computed), quaternion(q_true)))), phi)
 
 
 @kernel("(3)->(3,3)")

@@ -8,11 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from sins_env.arrays import Array
 from sins_env.checks import unknown
+from sins_env.kernels import helper, kernel
+from sins_env.kernels.algebra import Vector, put_vector, vector, wrap
+from sins_env.kernels.trigonometry import sincos
 
 Scalar = float | Array
 
@@ -64,14 +68,28 @@ def check_latitude(latitude: float) -> float:
     return latitude
 
 
-def radii(earth: Earth, latitude: Scalar) -> tuple[Array, Array]:
+@helper
+def radii_at(a: float, e2: float, latitude: float) -> tuple[float, float]:
+    """Return :func:`radii` of one place and an ellipsoid with semi-major axis ``a`` and squared eccentricity ``e2``."""
+    s, _ = sincos(latitude)
+    w2 = 1.0 - e2 * (s * s)
+    w = math.sqrt(w2)
+    return a * (1.0 - e2) / (w2 * w), a / w
+
+
+@kernel("(),(),()->(),()")
+def _radii(a: float, e2: float, latitude: float, meridian: Array, normal: Array) -> None:
+    meridian[0], normal[0] = radii_at(a, e2, latitude)
+
+
+def radii(earth: Earth, latitude: Scalar) -> tuple[Any, Any]:
     """Return the meridian radius R_M, for V_N, and the prime-vertical radius R_N, for V_E, in m.
 
-    See docs/mathematics/frames.md#earth-model.
+    They are numbers for a number, and else arrays. See docs/mathematics/frames.md#earth-model.
     """
-    w2 = 1.0 - earth.e2 * np.sin(latitude) ** 2
-    w = np.sqrt(w2)
-    return earth.a * (1.0 - earth.e2) / (w2 * w), earth.a / w
+    if isinstance(latitude, float):
+        return radii_at(earth.a, earth.e2, latitude)
+    return _radii(earth.a, earth.e2, latitude)
 
 
 def gravity(earth: Earth, latitude: Scalar, height: Scalar = 0.0) -> Array:
@@ -125,26 +143,43 @@ def ecef_to_enu(latitude: Scalar, longitude: Scalar) -> Array:
     return out
 
 
+@helper
+def displaced(pos: Vector, at: Vector, metres: Vector, R_M: float, R_N: float) -> Vector:
+    """Return the place ``metres`` E, N, U from ``pos``, with the radii R_M and R_N at the place ``at``."""
+    _, c = sincos(at[0])
+    return pos[0] + metres[1] / (R_M + at[2]), pos[1] + metres[0] / ((R_N + at[2]) * c), pos[2] + metres[2]
+
+
+@kernel("(),(),(3),(3),(3)->(3)")
+def _displaced(a: float, e2: float, pos: Array, at: Array, metres: Array, out: Array) -> None:
+    R_M, R_N = radii_at(a, e2, at[0])
+    put_vector(displaced(vector(pos), vector(at), vector(metres), R_M, R_N), out)
+
+
 def displace(earth: Earth, pos: Array, offset: Array, at: Array | None = None) -> Array:
     """Return latitude, longitude and height (..., 3) of the point that lies ``offset`` metres E, N, U from ``pos``.
 
     The radii are those at ``at``, a place on the way, by default at ``pos``. The result is of first order: good for metres,
     not for kilometres.
     """
-    where = pos if at is None else at
-    R_M, R_N = radii(earth, where[..., 0])
-    out = np.empty(np.broadcast_shapes(pos.shape, offset.shape))
-    out[..., 0] = pos[..., 0] + offset[..., 1] / (R_M + where[..., 2])
-    out[..., 1] = pos[..., 1] + offset[..., 0] / ((R_N + where[..., 2]) * np.cos(where[..., 0]))
-    out[..., 2] = pos[..., 2] + offset[..., 2]
-    return out
+    place: Array = _displaced(earth.a, earth.e2, pos, pos if at is None else at, offset)
+    return place
+
+
+@helper
+def metres_to(pos: Vector, place: Vector, R_M: float, R_N: float) -> Vector:
+    """Return the metres E, N, U from ``pos`` to ``place``, the short way round, with the radii at ``pos``."""
+    _, c = sincos(pos[0])
+    return wrap(place[1] - pos[1]) * (R_N + pos[2]) * c, (place[0] - pos[0]) * (R_M + pos[2]), place[2] - pos[2]
+
+
+@kernel("(),(),(3),(3)->(3)")
+def _metres_to(a: float, e2: float, pos: Array, place: Array, out: Array) -> None:
+    R_M, R_N = radii_at(a, e2, pos[0])
+    put_vector(metres_to(vector(pos), vector(place), R_M, R_N), out)
 
 
 def offset(earth: Earth, pos: Array, place: Array) -> Array:
     """Return the metres E, N, U (..., 3) from ``pos`` to ``place``, the short way round; undoes :func:`displace`."""
-    R_M, R_N = radii(earth, pos[..., 0])
-    out = place - pos
-    east = (out[..., 1] + np.pi) % (2 * np.pi) - np.pi
-    out[..., 1] = out[..., 0] * (R_M + pos[..., 2])
-    out[..., 0] = east * (R_N + pos[..., 2]) * np.cos(pos[..., 0])
-    return out
+    metres: Array = _metres_to(earth.a, earth.e2, pos, place)
+    return metres

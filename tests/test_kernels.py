@@ -4,6 +4,7 @@ import os
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -143,17 +144,26 @@ def test_python_bodies_are_switched_by_an_environment_variable(monkeypatch):
     assert isinstance(longer.ufunc, np.ufunc)
 
 
-def actions(task, name, epochs=4):
-    """Actions of the first epochs of one run, (epochs, ...)."""
-    env, solver = task.make(1), solvers.make(name)
+def delivered(task, epochs=4):
+    """Return the public task, the observations of the first epochs of one run, the rewards and the errors."""
+    env = task.make(1)
     obs, _ = task.reset(env, (0,))
-    solver.reset(env.unwrapped.task, [np.random.default_rng(5)])
-    found = []
+    public, found, scores = env.unwrapped.task, [], []
     for _ in range(epochs):
-        found.append(solver.step(obs if solver.batched else {key: value[0] for key, value in obs.items()}))
-        obs = env.step(found[-1] if solver.batched else found[-1][None])[0]
+        found.append(obs)
+        obs, reward, _, _, info = env.step(np.ones(env.action_space.shape))
+        scores.append([reward, *(info["errors"][name] for name in ("phi", "vel", "pos")[: 1 + 2 * public.navigate])])
     env.close()
-    return np.array(found)
+    return public, found, scores
+
+
+def actions(public, observations, name):
+    """Actions of one run, (epochs, ...)."""
+    solver = solvers.make(name)
+    solver.reset(public, [np.random.default_rng(5)])
+    if solver.batched:
+        return np.array([solver.step(obs) for obs in observations])
+    return np.array([solver.step({key: value[0] for key, value in obs.items()}) for obs in observations])
 
 
 @pytest.mark.parametrize("task", [SHORT, get_task("flight-lu-gauss-v0")], ids=lambda task: task.name)
@@ -161,11 +171,34 @@ def test_the_zoo_on_the_bodies_of_its_kernels(task):
     """The compiler reorders nothing, so that little more than the last bits of library functions may differ."""
     told = [name for name in solvers.names() if name not in ("coarse_only", "two_pass")]
     some = told if task is SHORT else ["ekf", "inekf", "ckf"]
-    compiled = [actions(task, name) for name in some]
+    public, observations, _ = delivered(task)
+    compiled = [actions(public, observations, name) for name in some]
     with interpreted():
-        by_python = [actions(task, name) for name in some]
+        by_python = [actions(public, observations, name) for name in some]
     for name, one, other in zip(some, compiled, by_python, strict=True):
         np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "task",
+    [
+        replace(
+            SHORT, kwargs={**SHORT.kwargs, "n_sub": 1, "gps": {"jump_mps": 1.0, "jump_s": 5.0}, "imu": "thesis-markov"}
+        ),
+        get_task("flight-sun2012-physical-v0"),
+    ],
+    ids=lambda task: task.name,
+)
+def test_worlds_on_the_bodies_of_their_kernels(task):
+    _, observations, scores = delivered(task)
+    with interpreted():
+        _, by_python, scores_by_python = delivered(task)
+    for one, other in zip(observations, by_python, strict=True):
+        for name, value in one.items():
+            np.testing.assert_allclose(other[name], value, rtol=1e-13, atol=1e-15, err_msg=name)
+    for one, other in zip(scores, scores_by_python, strict=True):
+        for value, by_body in zip(one, other, strict=True):
+            np.testing.assert_allclose(by_body, value, rtol=1e-12, atol=1e-12)
 
 
 def every_kernel():

@@ -53,8 +53,9 @@ def _check_action(action: Any, space: gymnasium.Space[Any], navigate: bool) -> A
         array = np.asarray(action)
         if array.dtype.kind not in "biufO":
             raise TypeError("no real numbers")
-        with np.errstate(over="ignore"):  # what is too large for float64 is inf, and a failed epoch
-            array = array.astype(np.float64, copy=False)
+        if array.dtype != np.float64:
+            with np.errstate(over="ignore"):  # what is too large for float64 is inf, and a failed epoch
+                array = array.astype(np.float64)
     except Exception as error:  # objects of others may raise anything
         what = "complex numbers, text or times" if isinstance(action, np.ndarray) else checks.shown(action)
         raise ValueError(f"action = {what}; allowed: numbers, {_wanted(space, navigate)}") from error
@@ -165,6 +166,7 @@ class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._rngs: list[np.random.Generator] | None = None
         self._over = False
+        self._every = np.ones(self.num_envs, dtype=bool)
         self._renderer = Renderer(self.task) if render_mode else None
 
     @property
@@ -201,15 +203,15 @@ class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
             RuntimeError: a step before the reset.
         """
         actions = _check_action(actions, self.action_space, self.task.navigate)
-        no = np.zeros(self.num_envs, dtype=bool)
+        no = ~self._every
         if self._over:  # NEXT_STEP: the step after the last one begins the next episode
             obs, info = self.reset()
-            return obs, np.zeros(self.num_envs), no, no.copy(), info
+            return obs, np.zeros(self.num_envs), no, ~self._every, info
         t = self.episode.k * self.task.epoch_s
         obs, reward, self._over, info = self.episode.step(actions)
         if self._renderer:
             self._renderer.add(t, actions[0], _first(info["errors"]), bool(info["failed"][0]))
-        return obs, reward, no, np.full(self.num_envs, self._over), self._with_masks(info)
+        return obs, reward, no, self._every & self._over, self._with_masks(info)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return the picture of row 0. The other rows are for scores, not to look at."""
@@ -220,13 +222,13 @@ class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
         out: dict[str, Any] = {}
         for key, value in info.items():
             out[key] = self._with_masks(value) if isinstance(value, dict) else value
-            out[f"_{key}"] = np.ones(self.num_envs, dtype=bool)
+            out[f"_{key}"] = self._every.copy()
         return out
 
 
 def _first(batch: Any) -> Any:
-    """Return row 0 of nested arrays in the form of the single environment: fresh arrays and Python scalars."""
+    """Return row 0 of nested arrays, which nothing else holds, in the form of the single environment."""
     if isinstance(batch, dict):
         return {key: _first(value) for key, value in batch.items()}
     row = batch[0]
-    return row.copy() if isinstance(row, np.ndarray) else row.item()
+    return row if isinstance(row, np.ndarray) else row.item()

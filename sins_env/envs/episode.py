@@ -88,13 +88,13 @@ class Episode:
         return (self._terminal() if over else self._observe()), reward, over, info
 
     def _score(self, action: Array) -> tuple[dict[str, Array], Array, Mask]:
-        failed = failed_epochs(action)
         if not self.world.scored:
             kinds = ("phi", "vel", "pos") if self.task.navigate else ("phi",)
-            return {kind: np.zeros((len(action), 3)) for kind in kinds}, np.zeros(len(action)), failed
+            nothing = {kind: np.zeros((len(action), 3)) for kind in kinds}
+            return nothing, np.zeros(len(action)), failed_epochs(action)
         if self.task.navigate:
-            return *score_navigation(action, self._truth, failed, earth.get(self.task.site.earth)), failed
-        phi, reward = score_attitude(action, self._truth.q_nb, failed)
+            return score_navigation(action, self._truth, earth.get(self.task.site.earth))
+        phi, reward, failed = score_attitude(action, self._truth.q_nb)
         return {"phi": phi}, reward, failed
 
     def _observe(self) -> Obs:

@@ -6,6 +6,7 @@ A vector has three numbers, a quaternion four, and a matrix nine, by rows. Frame
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from sins_env.arrays import Array
 from sins_env.kernels.compiling import helper, reduction
@@ -80,6 +81,12 @@ def subtract(a: Vector, b: Vector) -> Vector:
 def scale(k: float, a: Vector) -> Vector:
     """Return k a."""
     return k * a[0], k * a[1], k * a[2]
+
+
+@helper
+def times(a: Vector, b: Vector) -> Vector:
+    """Return the products of the numbers of a and b, one by one."""
+    return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
 @helper
@@ -223,6 +230,12 @@ def unturned(s: Vector, c: Vector, r: Vector) -> Vector:
     """Return C_w^-1 r, with the sines and cosines of phi: docs/mathematics/frames.md#misalignment."""
     k = (c[1] * r[2] - s[1] * r[0]) / c[0]
     return c[1] * r[0] + s[1] * r[2], r[1] - s[0] * k, k
+
+
+@helper
+def wrap(angle: Any) -> Any:
+    """Wrap an angle, or an array of them, to [-pi, pi)."""
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
 @helper

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask, Rngs
+from sins_env.earth import displaced, radii_at
+from sins_env.kernels import kernel
+from sins_env.kernels.algebra import add, put_vector, times, vector
 from sins_env.motion import Motion
 from sins_env.sensors.imu import standard_normal
 from sins_env.specs import GpsSpec
@@ -112,15 +115,20 @@ class Gps:
             C_nb = attitude.to_dcm(motion.state.q_nb)
             vel = vel + np.matmul(C_nb, np.cross(motion.rate_eb_b, self._lever)[..., None])[..., 0]
             pos = earth.displace(self._earth, pos, C_nb @ self._lever)
-        errors = self._errors(runs, epochs)
-        vel = vel + self.spec.vel_std * errors[..., :3]
-        if self.spec.jump_mps:
-            inside = (t > self._jump_start[:, None]) & (t <= self._jump_end[:, None])
-            vel = vel + inside[..., None] * self._jump[:, None]
-        pos = earth.displace(self._earth, pos, self.spec.pos_std * errors[..., 3:])
+        inside = (t > self._jump_start[:, None]) & (t <= self._jump_end[:, None])
         present = (number % self._every == 0) & received(self.spec, t)
-        if not present.all():
-            vel, pos = vel * present[:, None], pos * present[:, None]
+        vel, pos = _fixed(
+            vel,
+            pos,
+            self._errors(runs, epochs),
+            self.spec.vel_std,
+            self.spec.pos_std,
+            self._jump[:, None],
+            inside,
+            present,
+            self._earth.a,
+            self._earth.e2,
+        )
         return vel, pos, np.broadcast_to(present[:, None], (runs, epochs, 1)).astype(np.int8)
 
     def _errors(self, runs: int, epochs: int) -> Array:
@@ -137,3 +145,41 @@ class Gps:
             chi2 = np.stack([rng.chisquare(dof, epochs) for rng in self._outliers])
             unit *= np.sqrt(dof / chi2)[..., None]
         return unit
+
+
+@kernel("(3),(3),(6),(3),(3),(3),(),(),(),()->(3),(3)", "dddddd??dddd")
+def _fixed(
+    vel: Array,
+    pos: Array,
+    unit: Array,
+    vel_std: Array,
+    pos_std: Array,
+    jump: Array,
+    jumps: bool,
+    present: bool,
+    a: float,
+    e2: float,
+    fixed_vel: Array,
+    fixed_pos: Array,
+) -> None:
+    """Return the velocity and the position of a fix; zeros without one.
+
+    Args:
+        vel: true velocity of the antenna.
+        pos: its true position.
+        unit: errors of velocity and position over their standard deviations.
+        vel_std: standard deviation of the velocity, m/s.
+        pos_std: standard deviation of the position, m.
+        jump: jump of the velocity, m/s.
+        jumps: whether this fix is in the jump.
+        present: whether there is a fix.
+        a: semi-major axis of the ellipsoid, m.
+        e2: its squared eccentricity.
+    """
+    if not present:
+        fixed_vel[:], fixed_pos[:] = 0.0, 0.0
+        return
+    v, here = add(vector(vel), times(vector(vel_std), vector(unit))), vector(pos)
+    put_vector(add(v, vector(jump)) if jumps else v, fixed_vel)
+    R_M, R_N = radii_at(a, e2, here[0])
+    put_vector(displaced(here, here, times(vector(pos_std), vector(unit[3:])), R_M, R_N), fixed_pos)

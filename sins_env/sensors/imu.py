@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sins_env.arrays import Array, Rngs
+from sins_env.kernels import helper, kernel
+from sins_env.kernels.algebra import add, matrix, put_row, put_vector, row, scale, turn, vector
 from sins_env.specs import ImuSpec
 from sins_env.units import ARCSEC, DEG_PER_H, PPM, UG
 
@@ -21,8 +23,8 @@ from sins_env.units import ARCSEC, DEG_PER_H, PPM, UG
 def standard_normal(rngs: Rngs, shape: tuple[int, ...]) -> Array:
     """Draw standard normal numbers (runs, *shape), those of a run from its own generator."""
     out = np.empty((len(rngs), *shape))
-    for rng, row in zip(rngs, out, strict=True):
-        rng.standard_normal(out=row)
+    for rng, numbers in zip(rngs, out, strict=True):
+        rng.standard_normal(out=numbers)
     return out
 
 
@@ -45,14 +47,19 @@ class GaussMarkov:
 
     def samples(self, count: int) -> Array:
         """Return the bias during each of the next ``count`` samples, (runs, count, 3)."""
-        eta = standard_normal(self._rngs, (count, 3))
-        eta *= self._drive
-        from scipy.signal import lfilter  # a second of import time, needed by Gauss-Markov biases only
-
-        y, _ = lfilter([1.0], [1.0, -self._a], eta, axis=1, zi=self._a * self._x[:, None])
-        out = np.concatenate([self._x[:, None], y[:, :-1]], axis=1)
-        self._x = y[:, -1]
+        out: Array
+        out, self._x = _markov(standard_normal(self._rngs, (count, 3)), self._x, self._a, self._drive)
         return out
+
+
+@kernel("(n,3),(3),(),()->(n,3),(3)")
+def _markov(unit: Array, x: Array, a: float, drive: float, out: Array, last: Array) -> None:
+    """Return the samples of a Gauss-Markov bias that begins with x, and the sample that follows them."""
+    b = vector(x)
+    for i in range(len(unit)):
+        put_row(b, out, i)
+        b = add(scale(drive, row(unit, i)), scale(a, b))
+    put_vector(b, last)
 
 
 @dataclass(frozen=True)
@@ -99,6 +106,8 @@ class _Triad:
         self._scale, self._misalignment = coupling
         self._fixed_bias, self._mean, self._wave = script
 
+    _absent = np.empty((0, 3))  #: what an error that the sensors do not have gives to the sum
+
     def reset(self, fixed: Rngs, noise: Rngs, markov: Rngs) -> None:
         self._noise, self._count = noise, 0
         draws = standard_normal(fixed, (12,))
@@ -106,37 +115,88 @@ class _Triad:
         self.bias += self._mean
         sigma = np.where(np.eye(3, dtype=bool), self._scale, self._misalignment)
         coupling = sigma * draws[:, 3:].reshape(-1, 3, 3)
-        self._coupling = coupling if sigma.any() else None
-        self._residual = np.zeros((len(noise), 1, 3))
+        self._coupling = coupling if sigma.any() else self._absent
+        self._residual = np.zeros((len(noise), 3))
         if self.markov:
             self.markov.reset(markov)
 
     def measure(self, true: Array) -> Array:
         """Return the measured increments of true ones, (runs, epochs, n_sub, 3)."""
         runs, epochs, n_sub, _ = true.shape
-        shape = (epochs * n_sub, 3)
-        out = standard_normal(self._noise, shape)
-        out *= self.white * math.sqrt(self.dt)
+        count = epochs * n_sub
+        density = np.full(count, self.white * math.sqrt(self.dt))
         if self._wave:
-            out *= self._wave.rms(self._count, shape[0], self.dt)[:, None]
-        self._count += shape[0]
-        out += (self.bias * self.dt)[:, None]
-        true = true.reshape(runs, *shape)
-        out += true
-        if self.markov:
-            out += self.dt * self.markov.samples(shape[0])
-        if self._coupling is not None:
-            out += np.matmul(true, np.swapaxes(self._coupling, -1, -2))
-        if self.lsb:
-            out = self._quantise(out)
+            density *= self._wave.rms(self._count, count, self.dt)
+        self._count += count
+        noise = standard_normal(self._noise, (count, 3))
+        markov = self.markov.samples(count) if self.markov else self._absent
+        out, self._residual = _measured(
+            true.reshape(runs, count, 3),
+            noise,
+            density,
+            self.bias,
+            markov,
+            self._coupling,
+            self._residual,
+            self.dt,
+            self.lsb,
+        )
         return out.reshape(runs, epochs, n_sub, 3)
 
-    def _quantise(self, increments: Array) -> Array:
-        """Round to whole pulses; the rest of a pulse is carried to the next sample, like that of a counter."""
-        total = np.cumsum(np.concatenate([self._residual, increments], axis=1), axis=1)
-        pulses = np.rint(total[:, 1:] / self.lsb)
-        self._residual = total[:, -1:] - self.lsb * pulses[:, -1:]
-        return self.lsb * np.diff(pulses, axis=1, prepend=0.0)
+
+@kernel("(n,3),(n,3),(n),(3),(m,3),(k,3),(3),(),()->(n,3),(3)")
+def _measured(
+    true: Array,
+    noise: Array,
+    density: Array,
+    bias: Array,
+    markov: Array,
+    coupling: Array,
+    rest: Array,
+    dt: float,
+    lsb: float,
+    out: Array,
+    last: Array,
+) -> None:
+    """Return measured increments.
+
+    Args:
+        true: true increments.
+        noise: standard normal numbers.
+        density: standard deviations of the white noise.
+        bias: constant biases.
+        markov: Markov biases of the samples; no rows without them.
+        coupling: the matrix M; no rows without it.
+        rest: what is left of a pulse.
+        dt: length of a sample, s.
+        lsb: size of a pulse; 0 without whole pulses.
+        last: what is left of a pulse after the last sample.
+    """
+    shift = scale(dt, vector(bias))
+    for i in range(len(true)):
+        put_row(add(add(scale(density[i], row(noise, i)), shift), row(true, i)), out, i)
+    for i in range(len(markov)):
+        put_row(add(row(out, i), scale(dt, row(markov, i))), out, i)
+    if len(coupling):
+        M = matrix(coupling)
+        for i in range(len(true)):
+            put_row(add(row(out, i), turn(M, row(true, i))), out, i)
+    put_vector(vector(rest), last)
+    if lsb > 0.0:
+        _quantise(out, last, lsb)
+
+
+@helper
+def _quantise(out: Array, rest: Array, lsb: float) -> None:
+    """Round to whole pulses; the rest of a pulse is carried to the next sample, like that of a counter."""
+    for axis in range(3):
+        total, before = rest[axis], 0.0
+        for i in range(len(out)):
+            total += out[i, axis]
+            pulses = np.rint(total / lsb)
+            out[i, axis] = lsb * (pulses - before)
+            before = pulses
+        rest[axis] = total - lsb * before
 
 
 class Imu:

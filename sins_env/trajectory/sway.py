@@ -6,8 +6,8 @@ oscillators, and C_0(t) the attitude about the mean heading, the increments of a
 
     integral of C_0'(t) r(t) dt  =  sum over k of  [integral of C_0'(t) g_k(t) dt]  r_k(run),
 
-one small matrix product per run. The integrals are Gauss-Legendre sums, exact to rounding. With ``random=True`` the
-attitude differs between runs, too, and each run gets integrals of its own.
+one small matrix product per run, which is left to BLAS. The integrals are Gauss-Legendre sums, exact to rounding. With
+``random=True`` the attitude differs between runs, too, and each run gets integrals of its own.
 
 The specific force omits the Coriolis term of the base's own transport rate, omega_en x V, which is 2e-10 m/s^2.
 See docs/mathematics/simulation.md#sway.
@@ -22,6 +22,27 @@ import numpy as np
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Rngs
+from sins_env.attitude import body_rate_planes
+from sins_env.earth import displaced
+from sins_env.kernels import helper, kernel
+from sins_env.kernels.algebra import (
+    Vector,
+    add,
+    correction,
+    matrix,
+    misaligned,
+    put_quaternion,
+    put_vector,
+    row,
+    scale,
+    sincos3,
+    times,
+    to_dcm,
+    transpose,
+    turn,
+    vector,
+)
+from sins_env.kernels.trigonometry import sincos
 from sins_env.motion import Motion
 from sins_env.types import NavState, Site
 from sins_env.units import DEG, G0
@@ -121,7 +142,8 @@ class Sway:
             phase = 2 * np.pi * draws[:, 13:16]
             sway = sway * (0.5 + draws[:, 16:19])
             sway_omega = sway_omega / (0.7 + 0.7 * draws[:, 19:22])
-        self._turn = (amplitude, omega, phase)  # each (3,) or (runs, 3): heading, pitch, roll
+        #: amplitudes, frequencies and phases of heading, pitch, roll, (3, 3) or (runs, 3, 3)
+        self._turn = np.stack(np.broadcast_arrays(amplitude, omega, phase), axis=-2)
         omegas, speeds, phases = [sway_omega], [sway * sway_omega], [2 * np.pi * draws[:, 1:4]]
         if self.vibration:
             vibration_omega = np.broadcast_to(2 * np.pi * VIBRATION_HZ, sway_omega.shape)
@@ -185,52 +207,137 @@ class Sway:
     def _integrals(self, runs: slice, edges: Array) -> tuple[Array, Array]:
         """Integrate C_0' g_k, ([runs,] 3 K, samples * 3), and omega_nb^b, ([runs,] samples * 3), over each IMU sample."""
         half = 0.5 * self.epoch_s / self.n_sub
-        t = (edges[:-1] + half)[:, None] + half * self._nodes  # (samples, nodes)
-        C, rate = self._turning(t, runs)
-        phase = self._of(runs, self._omega)[..., None, None, :] * t[..., None]
-        g = np.concatenate([np.ones((*phase.shape[:-1], 1)), _interleave(np.cos(phase), np.sin(phase))], axis=-1)
-        weights = half * self._weights
-        blocks = np.matmul(np.swapaxes(C.reshape(*C.shape[:-2], 9) * weights[:, None], -1, -2), g)
-        samples, K = len(edges) - 1, g.shape[-1]  # blocks: ([runs,] samples, 9, K), 9 = (axis of n, axis of b)
-        blocks = blocks.reshape(*blocks.shape[:-3], samples, 3, 3, K)
-        table = np.moveaxis(blocks, (-3, -1, -4, -2), (-4, -3, -2, -1)).reshape(*blocks.shape[:-4], 3 * K, samples * 3)
-        turning = np.matmul(weights, rate).reshape(*rate.shape[:-3], samples * 3)
-        return np.ascontiguousarray(table), turning
+        omega = np.repeat(self._of(runs, self._omega), 2, axis=-1)
+        omega = np.concatenate([np.zeros((*omega.shape[:-1], 1)), omega], axis=-1)
+        table, turning = _integrated(
+            self._of(runs, self._turn), omega, edges[:-1] + half, half * self._nodes, half * self._weights
+        )
+        return table.reshape(*table.shape[:-4], 3 * omega.shape[-1], -1), turning.reshape(*turning.shape[:-2], -1)
 
     def _of(self, runs: slice, part: Array) -> Array:
         """Return the rows of these runs, or all of ``part`` if the runs share it."""
         return part[runs] if self.random else part
 
-    def _turning(self, t: Array, runs: slice) -> tuple[Array, Array]:
-        """Return C_0, which is C_b^n about the mean heading, and omega_nb^b at times ``t``.
-
-        Shapes are (..., *t.shape, 3, 3) and (..., *t.shape, 3).
-        """
-        angles, rates = self._angles(t, runs)
-        return attitude.to_dcm(attitude.from_euler(*np.moveaxis(angles, -1, 0))), attitude.body_rate(angles, rates)
-
-    def _angles(self, t: Array, runs: slice = slice(None)) -> tuple[Array, Array]:
-        """Return heading about its mean, pitch, roll, and then their rates, each (..., *t.shape, 3)."""
-        turn = (self._of(runs, part) for part in self._turn)
-        amplitude, omega, phase = (part.reshape(*part.shape[:-1], *(1,) * t.ndim, 3) for part in turn)
-        argument = omega * t[..., None] + phase
-        return amplitude * np.cos(argument), -amplitude * omega * np.sin(argument)
-
     def states(self, t: Array) -> tuple[NavState, Array]:
         """Return the true states (runs, len(t), ...) and omega_eb^b."""
-        runs = len(self._heading)
-        angles, rates = self._angles(t)
-        rate_nb = attitude.body_rate(angles, rates)
-        angles = np.broadcast_to(angles, (runs, len(t), 3))
-        q_nb = attitude.from_euler(angles[..., 0] + self._heading[:, None], angles[..., 1], angles[..., 2])
-        omega = np.broadcast_to(self._omega, self._phase.shape)[:, None, :]
-        speed = np.broadcast_to(self._speed, self._phase.shape)[:, None, :]
-        argument = omega * t[:, None] + self._phase[:, None, :]
-        shape = (runs, len(t), -1, 3)
-        vel = (speed * np.cos(argument)).reshape(shape).sum(axis=2)
-        offset = (speed / omega * np.sin(argument)).reshape(shape).sum(axis=2)
-        rate_en_b = np.matmul(np.swapaxes(attitude.to_dcm(q_nb), -1, -2), (self._transport @ vel[..., None]))[..., 0]
-        return NavState(q_nb, vel, earth.displace(self._earth, self.site.pos, offset)), rate_nb + rate_en_b
+        omega, speed, phase = (
+            part.reshape(*part.shape[:-1], 1, -1, 3) for part in (self._omega, self._speed, self._phase)
+        )
+        *state, rate_eb_b = _state(
+            self._turn[..., None, :, :],
+            self._heading[:, None],
+            omega,
+            speed,
+            phase,
+            self._transport,
+            self.site.pos,
+            np.array(earth.radii(self._earth, self.site.latitude)),
+            t,
+        )
+        return NavState(*state), rate_eb_b
+
+
+@helper
+def _angles(amplitude: Vector, omega: Vector, phase: Vector, t: float) -> tuple[Vector, Vector]:
+    """Return heading about its mean, pitch and roll at time t, and their rates."""
+    s, c = sincos3(add(scale(t, omega), phase))
+    return (
+        times(amplitude, c),
+        times(times(scale(-1.0, amplitude), omega), s),
+    )
+
+
+@kernel("(3,3),(k),(m),(p),(p)->(3,k,m,3),(m,3)")
+def _integrated(
+    oscillation: Array, omega: Array, t: Array, nodes: Array, weights: Array, table: Array, turning: Array
+) -> None:
+    """Integrate C_0' g_k and omega_nb^b over samples.
+
+    Args:
+        oscillation: amplitudes, frequencies and phases of heading, pitch, roll.
+        omega: frequencies of the functions g_k, which are 1, and then a cosine and a sine of each frequency.
+        t: middles of the samples, s.
+        nodes: nodes of the integrals about the middle of a sample, s.
+        weights: weights of the nodes, s.
+        table: integrals by axis of C_0, function, sample and axis of the body.
+        turning: integrals of omega_nb^b.
+    """
+    samples, K = len(t), len(omega)
+    amplitude, swing, phase = row(oscillation, 0), row(oscillation, 1), row(oscillation, 2)
+    C, rate, g = np.empty((9, samples)), np.empty((3, samples)), np.ones((K, samples))
+    at, sums, turned = np.empty(samples), np.zeros((9 * K, samples)), np.zeros((3, samples))
+    for p in range(len(nodes)):
+        for i in range(samples):
+            at[i] = t[i] + nodes[p]
+        for i in range(samples):
+            angles, rates = _angles(amplitude, swing, phase, at[i])
+            s, c = sincos3((angles[1], angles[2], -angles[0]))
+            # C_0' = C_n^c(phi) of phi = (pitch, roll, -heading)
+            C[0, i], C[1, i], C[2, i], C[3, i], C[4, i], C[5, i], C[6, i], C[7, i], C[8, i] = misaligned(s, c)
+            rate[0, i], rate[1, i], rate[2, i] = body_rate_planes((s[0], s[1]), (c[0], c[1]), rates)
+        for k in range(1, K, 2):
+            w = omega[k]
+            for i in range(samples):
+                g[k + 1, i], g[k, i] = sincos(w * at[i])
+        weight = weights[p]
+        for axis in range(9):
+            for k in range(K):
+                for i in range(samples):
+                    sums[axis * K + k, i] += weight * C[axis, i] * g[k, i]
+        for axis in range(3):
+            for i in range(samples):
+                turned[axis, i] += weight * rate[axis, i]
+    for i in range(samples):
+        for b in range(3):
+            turning[i, b] = turned[b, i]
+            for n in range(3):
+                for k in range(K):
+                    table[n, k, i, b] = sums[(3 * b + n) * K + k, i]
+
+
+@kernel("(3,3),(),(j,3),(j,3),(j,3),(3,3),(3),(2),()->(4),(3),(3),(3)")
+def _state(
+    oscillation: Array,
+    heading: float,
+    omega: Array,
+    speed: Array,
+    phase: Array,
+    transport: Array,
+    place: Array,
+    radii: Array,
+    t: float,
+    q_nb: Array,
+    vel: Array,
+    pos: Array,
+    rate_eb_b: Array,
+) -> None:
+    """Return attitude, velocity, position and omega_eb^b at time t.
+
+    Args:
+        oscillation: amplitudes, frequencies and phases of heading, pitch, roll.
+        heading: mean heading, rad.
+        omega: frequencies of the linear sway along E, N, U, and then of the vibration, rad/s.
+        speed: amplitudes of its velocity, m/s.
+        phase: its phases, rad.
+        transport: matrix of the transport rate.
+        place: mean position.
+        radii: radii of curvature there, m.
+        t: time, s.
+    """
+    angles, rates = _angles(row(oscillation, 0), row(oscillation, 1), row(oscillation, 2), t)
+    q = correction((angles[1], angles[2], -(angles[0] + heading)))
+    s, c = sincos3((angles[1], angles[2], 0.0))
+    here, v, metres = vector(place), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for j in range(len(omega)):
+        w, size, p = row(omega, j), row(speed, j), row(phase, j)
+        sine, cosine = sincos3(add(scale(t, w), p))
+        v = add(v, times(size, cosine))
+        metres = add(metres, times((size[0] / w[0], size[1] / w[1], size[2] / w[2]), sine))
+    put_quaternion(q, q_nb)
+    put_vector(v, vel)
+    put_vector(displaced(here, here, metres, radii[0], radii[1]), pos)
+    carried = turn(transpose(to_dcm(q)), turn(matrix(transport), v))
+    put_vector(add(body_rate_planes((s[0], s[1]), (c[0], c[1]), rates), carried), rate_eb_b)
 
 
 def _node_count(half: float, vibration: bool) -> int:
@@ -243,8 +350,3 @@ def _node_count(half: float, vibration: bool) -> int:
     while 2 * nodes * math.log(math.e * k / (4 * nodes)) > math.log(1e-16):
         nodes += 1
     return nodes
-
-
-def _interleave(a: Array, b: Array) -> Array:
-    """Interleave two arrays along the last axis: a0 b0 a1 b1 ..."""
-    return np.stack([a, b], axis=-1).reshape(*a.shape[:-1], 2 * a.shape[-1])

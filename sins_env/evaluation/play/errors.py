@@ -4,16 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 
-from sins_env import attitude
 from sins_env.arrays import Array, Mask
+from sins_env.attitude import euler_of
+from sins_env.kernels import kernel
+from sins_env.kernels.algebra import (
+    misaligned,
+    normalize,
+    product,
+    put_vector,
+    quaternion,
+    sincos3,
+    subtract,
+    to_dcm,
+    transpose,
+    vector,
+    wrap,
+)
 
 
-def euler_errors(q_nb: Array, phi: Array) -> Array:
+@kernel("(4),(3)->(3)")
+def euler_errors(q_nb: Array, phi: Array, out: Array) -> None:
     """Return errors (..., 3) of heading, pitch and roll, rad, of attitudes (..., 4) with misalignment phi (..., 3)."""
-    C = attitude.to_dcm(attitude.normalize(q_nb))
-    true = np.matmul(np.swapaxes(attitude.misalignment_dcm(phi), -1, -2), C)
-    pairs = zip(attitude.to_euler(C), attitude.to_euler(true), strict=True)
-    return attitude.wrap(np.stack([angle - other for angle, other in pairs], axis=-1))
+    C = to_dcm(normalize(quaternion(q_nb)))
+    true = product(transpose(misaligned(*sincos3(vector(phi)))), C)
+    h, p, r = subtract(euler_of(C), euler_of(true))
+    put_vector((wrap(h), wrap(p), wrap(r)), out)
 
 
 def nees(errors: Array, covariance: Array) -> Array:
