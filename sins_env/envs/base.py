@@ -227,8 +227,8 @@ class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
 
 
 def _first(batch: Any) -> Any:
-    """Return row 0 of nested arrays, which nothing else holds, in the form of the single environment."""
+    """Return row 0 of nested arrays in the form of the single environment: fresh arrays and Python scalars."""
     if isinstance(batch, dict):
         return {key: _first(value) for key, value in batch.items()}
     row = batch[0]
-    return row if isinstance(row, np.ndarray) else row.item()
+    return row.copy() if isinstance(row, np.ndarray) else row.item()

@@ -129,6 +129,26 @@ def test_scale_and_misalignment(axis):
             std_within(error[:, other], 60 * ARCSEC, 2000)
 
 
+def test_errors_add_up():
+    """White noise, biases, Markov biases and coupling have streams of their own: together they are their sum."""
+    kinds = [
+        {"arw_deg_sqrt_h": 0.1, "vrw_ug_sqrt_hz": 100.0},
+        {"gyro_bias_deg_h": 1.0, "accel_bias_ug": 1000.0},
+        {"gyro_markov_deg_h": 30.0, "gyro_markov_s": 0.5, "accel_markov_ug": 500.0, "accel_markov_s": 0.2},
+        {"scale_ppm": 300.0, "misalignment_arcsec": 60.0},
+    ]
+    true = np.random.default_rng(1).standard_normal((2, 3, 4, 5, 3)) * 1e-3
+
+    def errors(settings):
+        imu = Imu(ImuSpec(**settings), 0.01)
+        imu.reset(streams(3))
+        return np.stack(imu.measure(*true)) - true
+
+    parts = [errors(kind) for kind in kinds]
+    assert min(np.abs(part).max() for part in parts) > 1e-8
+    assert_allclose(errors({k: v for kind in kinds for k, v in kind.items()}), sum(parts), rtol=0, atol=1e-17)
+
+
 def test_white_noise_does_not_depend_on_the_rate():
     """Over a second the sums have the same variance at any sample rate."""
     spec = ImuSpec(arw_deg_sqrt_h=0.6, vrw_ug_sqrt_hz=100.0)
