@@ -60,7 +60,8 @@ def success_profile(records: Records, points: int = 80) -> tuple[Array, Array, A
 def bound_ratios(records: Records, bound: Bound) -> dict[str, float]:
     """Return the RMS over runs and steady state, divided by that of the bound in the same epochs, by axis."""
     rms = np.sqrt(np.square(records.steady_rms).mean(axis=0))
-    return _by_axis(rms / bound.steady[PHI])
+    with np.errstate(divide="ignore", invalid="ignore"):  # a bound of zero, which a file may hold
+        return _by_axis(rms / bound.steady[PHI])
 
 
 def below_bound(records: Records, bound: Bound) -> bool | None:
@@ -71,7 +72,8 @@ def below_bound(records: Records, bound: Bound) -> bool | None:
     """
     if not bound.holds:
         return None
-    squares = float(np.square(records.final[:, 2] / bound.final[2]).sum())
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = float(np.square(records.final[:, 2] / bound.final[2]).sum())
     return squares < float(chi2_quantile(BELOW, len(records)))
 
 

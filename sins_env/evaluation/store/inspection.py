@@ -46,14 +46,21 @@ _OPTIONAL = _Rule("typeof({0}) NOT IN ('text', 'null')", "text, or NULL")
 _OPTIONAL_NAME = _Rule(f"{{0}} IS NOT NULL AND ({_NAME.wrong})", f"{_NAME.allowed}, or NULL")
 _SESSION = _Rule("typeof({0}) NOT IN ('integer', 'null')", "the id of a session, or NULL")
 _COUNT = _Rule("typeof({0}) <> 'integer' OR {0} < 0", "a whole number that is not negative")
+_MOST = f"{rows.MOST_NUMBER:.0e}"
+_HUGE = f"abs({{0}}) > {_MOST} AND abs({{0}}) < 9e999"  #: statistics would overflow
+_POSITIVE = f"a number from 0 to {_MOST}, or inf"
 #: Numbers of a field by unit. SQLite orders numbers before text and blobs, so that one comparison tells both.
 _OF_UNIT = {
     "rad": _Rule("{0} NOT BETWEEN -100 AND 100", "an angle in rad, or NULL if it is unknown"),
-    **dict.fromkeys(("s", ""), _Rule("{0} NOT BETWEEN 0 AND 9e999", "a number >= 0, or NULL if it is unknown")),
-    **dict.fromkeys(("m", "m/s"), _Rule("{0} >= ''", "a number, or NULL if it is unknown")),
+    **dict.fromkeys(
+        ("s", ""), _Rule(f"{{0}} NOT BETWEEN 0 AND 9e999 OR {_HUGE}", f"{_POSITIVE}, or NULL if it is unknown")
+    ),
+    **dict.fromkeys(
+        ("m", "m/s"), _Rule(f"{{0}} >= '' OR {_HUGE}", f"a number up to {_MOST}, inf, or NULL if it is unknown")
+    ),
 }
-_TIME = _Rule("typeof({0}) <> 'real' OR {0} < 0", "a number that is not negative")
-_RATIO = _Rule("{0} >= '' OR {0} < 0", "a number that is not negative, or NULL")
+_TIME = _Rule(f"typeof({{0}}) <> 'real' OR {{0}} < 0 OR {_HUGE}", _POSITIVE)
+_RATIO = _Rule(f"{{0}} >= '' OR {{0}} < 0 OR {_HUGE}", f"{_POSITIVE}, or NULL")
 _STATUS = _Rule(f"{{0}} IS NULL OR {{0}} NOT IN {STATUSES!r}", f"one of {', '.join(STATUSES)}")
 _TOLD = {"word": _STATUS, "count": _COUNT, "text": _TEXT}
 

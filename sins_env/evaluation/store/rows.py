@@ -30,6 +30,8 @@ from sins_env.reading.documents import parse_json
 
 MOST_TEXT = 4096  #: most bytes of a message or traceback; the rest is cut off
 MOST_EPOCHS = 10**9  #: most epochs of a run
+MOST_NUMBER = 1e50  #: largest finite number of a run: even the cube of its square is finite; a larger one is inf
+_SIZES = f"of size {1 / MOST_NUMBER:.0e} to {MOST_NUMBER:.0e}"
 LEAST_EPOCH_S = 1e-6  #: shortest epoch, s
 T = TypeVar("T")
 
@@ -76,14 +78,18 @@ def _whole(name: str, given: Any, least: int = 0, most: int | None = None) -> in
 
 
 def _finite(name: str, given: Any) -> Array:
-    """Return nested lists of finite numbers as an array."""
+    """Return nested lists of numbers as an array; each is 0, or its size is from 1 / MOST_NUMBER to MOST_NUMBER."""
+    found = np.array(given, dtype=object) if isinstance(given, list) else np.array(None)
+    kinds = set(map(type, found.flat))
     try:
-        found = np.array(given)
-    except ValueError:
-        found = np.array(None)
-    if found.dtype.kind not in "if" or not np.isfinite(found).all():
-        raise ValueError(f"{name}; allowed: lists of finite numbers, all of one length")
-    return found.astype(float) if found.dtype.kind == "f" else found
+        out: Array = found.astype(np.int64 if kinds == {int} else float)
+        small = (np.abs(out) < 1 / MOST_NUMBER) & (out != 0)
+        usable = kinds <= {int, float} and bool((np.abs(out) <= MOST_NUMBER).all()) and not small.any()
+    except (TypeError, ValueError, OverflowError):
+        usable = False
+    if not usable:
+        raise ValueError(f"{name}; allowed: lists of finite numbers, all of one length, each 0 or {_SIZES}")
+    return out
 
 
 #: Check of a field of a dataclass in JSON, by its annotation: (name, given) -> value.
@@ -212,8 +218,10 @@ def to_span(row: int, run: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def _numbers(fields: Sequence[Field], run: Mapping[str, Any]) -> list[float]:
-    """Return every part of these fields; SQLite keeps NaN as NULL."""
-    return [value for one in fields for value in np.atleast_1d(run[one.name]).tolist()]
+    """Return every part of these fields; SQLite keeps NaN as NULL, and what is larger than MOST_NUMBER is inf."""
+    values = np.concatenate([np.atleast_1d(run[one.name]) for one in fields])
+    found: list[float] = np.where(np.abs(values) > MOST_NUMBER, np.copysign(np.inf, values), values).tolist()
+    return found
 
 
 def to_blob(history: Any) -> bytes:

@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import json
+import math
 import os
 import sqlite3
 import struct
@@ -87,7 +88,12 @@ REFUSED = {
     "text as a score": ("UPDATE runs SET steady_rms_u = 'abc' WHERE run = 2", "row 3: steady_rms_u is text of length 3"),
     "blob as a score": ("UPDATE runs SET nees_50 = x'00'", "nees_50 is a blob"),
     "infinite angle": ("UPDATE runs SET final_u = -9e999", "final_u is -inf; allowed: an angle in rad"),
-    "negative time": ("UPDATE runs SET t_conv_e = -5", "t_conv_e is -5.0; allowed: a number >= 0"),
+    "negative time": ("UPDATE runs SET t_conv_e = -5", "t_conv_e is -5.0; allowed: a number from 0 to 1e+50, or inf"),
+    "huge NEES": ("UPDATE runs SET nees_100 = 1e308", "nees_100 is 1e+308; allowed: a number from 0 to 1e+50, or inf"),
+    "huge cost": ("UPDATE costs SET ratio = 1e308", "ratio is 1e+308; allowed: a number from 0 to 1e+50"),
+    "huge bound": ("UPDATE tasks SET bound = json_set(bound, '$.steady[0]', 1e308)", "each 0 or of size 1e-50 to 1e+50"),
+    "tiny bound": ("UPDATE tasks SET bound = json_set(bound, '$.steady[0]', 5e-324)", "each 0 or of size 1e-50 to 1e+50"),
+    "texts in a bound": ("UPDATE tasks SET bound = json_set(bound, '$.t[0]', '1')", "t; allowed: lists of finite numbers"),
     "text as a run": ("UPDATE runs SET run = 'a' WHERE run = 0", "run is text of length 1; allowed: a whole number"),
     "negative run": ("UPDATE runs SET run = -1 WHERE run = 0", "run is -1"),
     "fraction of a count": ("UPDATE runs SET repairs = 0.5", "repairs is 0.5"),
@@ -100,7 +106,7 @@ REFUSED = {
     "deep settings": (settings('{"a": ' + "[" * 5000 + "]" * 5000 + "}"), "nested deeper than 32 levels"),
     "settings of 50 levels": (settings('{"a": ' + "[" * 50 + "]" * 50 + "}"), "nested deeper than 32 levels"),
     "text as a cost": ("UPDATE costs SET ratio = 'b'", "table costs, row 1: ratio is text"),
-    "negative cost": ("UPDATE costs SET median_us = -1", "median_us is -1.0; allowed: a number that is not neg"),
+    "negative cost": ("UPDATE costs SET median_us = -1", "median_us is -1.0; allowed: a number from 0"),
     "list of versions": ("UPDATE sessions SET versions = '[]'", "table sessions, row 1: versions cannot be read"),
     "no criteria": ("UPDATE tasks SET criteria = NULL", "row 1: task is 'short-v0', for which the table tasks has no criteria"),
     "empty criteria": ("UPDATE tasks SET criteria = '{}'", "table tasks, row 1: criteria cannot be read"),
@@ -299,6 +305,13 @@ def test_a_missing_bound_is_computed_for_the_installed_task_only(changed, monkey
         assert sorted(set(asked)) == expected
 
 
+def test_a_bound_of_zero_is_shown_without_a_warning(changed, cli):
+    changed("UPDATE tasks SET bound = json_set(bound, '$.steady', json('[0, 0, 0]'), '$.final', json('[0, 0, 0]'))")
+    code, out, said = cli("board", "--json")
+    assert (code, said) == (0, [])
+    assert len(json.loads(out)) == 2
+
+
 @pytest.fixture
 def nasty(changed):
     """A file whose every text steers something."""
@@ -367,10 +380,16 @@ def test_messages_are_cut_when_they_are_stored(tmp_path, short):
     assert cut("\ud800x") == "\\ud800x"
     found = evaluate(short, SOLVERS[0], 1, workers=1, cost=False)
     key = Key.of(short.name, found.suite, "s", {}, "1")
-    row = found.records.row(0) | {"status": "raised", "reason": "r" * 10**7, "traceback": "\udc80" * 10**6}
+    row = found.records.row(0) | {
+        "status": "raised",
+        "reason": "r" * 10**7,
+        "traceback": "\udc80" * 10**6,
+        "step_s": 1e300,
+    }
     with Store(tmp_path / "r.sqlite") as db:
         db.add(key, found.records.of_rows(found.records.criteria, [row]))
         (records,) = [db.results(key).records]
     assert len(records.reason[0]) == MOST_TEXT
+    assert records.step_s[0] == math.inf  # a finite one would be refused
     assert records.traceback[0].startswith("\\udc80\\udc80")
     assert os.path.getsize(tmp_path / "r.sqlite") < 200_000
