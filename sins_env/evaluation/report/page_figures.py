@@ -198,7 +198,7 @@ def _cost(lineup: Lineup) -> Drawing:
     points = []
     for one in lineup.back_to_front:
         cost, y, ci = _position(one, relative)
-        if not (np.isfinite(cost) and np.isfinite(y) and y > 0):
+        if not (np.isfinite(cost) and cost > 0 and np.isfinite(y) and y > 0):
             continue
         style, look = panel.style(one), lineup.looks.get(one.label)
         colour, order = style["color"], style["zorder"]

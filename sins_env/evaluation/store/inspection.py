@@ -150,7 +150,8 @@ def inspect_pages(db: sqlite3.Connection) -> None:
         if kind == "table" and name != "histories":
             for (text,) in db.execute(f"PRAGMA integrity_check({name})"):
                 if text != "ok":
-                    raise ValueError(f"damaged ({text})")
+                    first = text.removeprefix("*** in database main ***\n").partition("\n")[0]
+                    raise ValueError(f"damaged ({first})")
 
 
 def inspect(db: sqlite3.Connection) -> None:

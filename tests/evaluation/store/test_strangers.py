@@ -202,8 +202,8 @@ def test_pages_that_refer_to_one_page_many_times_are_not_followed(changed, cli):
     path.write_bytes(data[:28] + struct.pack(">I", len(data) // size) + data[32:])
     code, out, (said,) = cli("board")
     assert (code, out) == (2, "")
-    assert "damaged (" in said
-    assert "2nd reference to page" in said
+    assert "damaged (On tree page " in said
+    assert len(said) < 200
 
 
 def test_a_journal_that_names_another_file_removes_nothing(changed, cli):
