@@ -83,8 +83,11 @@ def _whole(text: str, least: int, allowed: str) -> int:
 def seed(text: str) -> int:
     """Return a seed; '-' reads it from standard input, which keeps a secret out of the shell history.
 
-    Errors do not repeat the text.
+    No other process of the user can read the memory of this one from then on. Errors do not repeat the text.
     """
+    from sins_env.evaluation.estimators.processes import keep_secrets  # a start without a seed does not need it
+
+    keep_secrets()
     if text == "-":
         text = (getpass.getpass("suite seed: ") if sys.stdin.isatty() else sys.stdin.readline()).strip()
     if not text.isdecimal() or len(text) > MOST_DIGITS:

@@ -9,7 +9,6 @@ from rich.console import Console
 
 from sins_env.cli.output import check_plot, remark, save_figure
 from sins_env.evaluation.estimators import isolation
-from sins_env.evaluation.estimators.processes import keep_secrets
 from sins_env.evaluation.play.executors import check_executor
 from sins_env.evaluation.show import error_figure, terminal_tables
 from sins_env.evaluation.store.filling import Evaluation, fill
@@ -39,8 +38,6 @@ def evaluate(given: Namespace, console: Console) -> int:
         ValueError: an unknown name, or runs that the file has already without ``--resume``.
     """
     check_plot(given.plot)
-    if given.seed is not None:
-        keep_secrets()
     pairs, settings = _pairs(given), dict(given.set)
     canonical(settings)
     check_executor(given.executor)

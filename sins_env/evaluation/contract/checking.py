@@ -78,7 +78,7 @@ def _elsewhere(
     limit_s = limits.first_s  # any call may be the first with arrays of its shape, and so compile
     try:
         child.call("begin", limits.make_s, solver, dict(settings or {}), tolerance)
-        while (check := child.call("check", limit_s)).value in range(len(PASSED)):
+        while (check := child.call("check", limit_s, beats=MOST_BEATS)).value in range(len(PASSED)):
             yield Check(check.first, PASSED[check.value], " ".join(check.second.split()))
     except UNSENDABLE as error:
         raise ValueError(f"solver {name!r} cannot be checked in a process of its own: {error}") from error
@@ -92,6 +92,8 @@ def _elsewhere(
         child.close()
 
 
+#: Most beats within one check, each after an epoch; a check has fewer epochs.
+MOST_BEATS = 1000
 PASSED = (False, True, None)  #: results of a check, as numbers that pass between processes
 END = len(PASSED)  #: the number that tells that there are no more
 

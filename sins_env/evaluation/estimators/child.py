@@ -155,8 +155,10 @@ class Child:
             os.ftruncate(self._memory, size)
         return wire.shared(self._memory, layout)
 
-    def call(self, name: str, limit_s: float, *arguments: Any) -> Answer:
+    def call(self, name: str, limit_s: float, *arguments: Any, beats: int = 0) -> Answer:
         """Call the object's method ``name`` and return its answer.
+
+        The limit begins anew with each of at most so many ``beats``, which tell that the call goes on.
 
         Raises:
             EstimatorError: the method raised an exception, took longer than the limit, or ended its process.
@@ -166,7 +168,7 @@ class Child:
         """
         if self._data is None:
             self._begin()
-        return self._call(name, limit_s, *arguments)
+        return self._call(name, limit_s, *arguments, beats=beats)
 
     def close(self) -> None:
         """End the process and whatever it has started; it starts again when it is needed."""
@@ -209,7 +211,7 @@ class Child:
             self.close()
             raise Unavailable(f"its process cannot start: {error}") from error
 
-    def _call(self, name: str, limit_s: float, *arguments: Any) -> Answer:
+    def _call(self, name: str, limit_s: float, *arguments: Any, beats: int = 0) -> Answer:
         request = pickle.dumps((name, arguments))
         self._number = (self._number + 1) % (1 << 32)
         deadline = time.monotonic() + limit_s
@@ -217,6 +219,9 @@ class Child:
             self._send(wire.REQUEST.pack(self._number, len(request)) + request, deadline)
             kind, answer = self._answer(deadline)
             while kind == wire.BEAT:
+                if not beats:
+                    raise _Garbage
+                beats -= 1
                 deadline = time.monotonic() + limit_s
                 kind, answer = self._answer(deadline)
             if time.monotonic() > deadline:

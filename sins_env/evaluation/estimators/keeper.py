@@ -7,7 +7,6 @@ solver's process. The keeper passes on what the solver prints, tells how it ende
 
 from __future__ import annotations
 
-import ctypes
 import os
 import random
 import resource
@@ -23,6 +22,7 @@ import numpy as np
 
 from sins_env.evaluation.estimators import offers, serving
 from sins_env.evaluation.estimators.memory import keep_freed_memory
+from sins_env.evaluation.estimators.processes import control, keep_secrets
 from sins_env.evaluation.estimators.wire import END, ENDED, STARTED
 from sins_env.kernels.compiling import KERNELS
 from sins_env.kernels.warming import compile_all
@@ -36,10 +36,13 @@ _PIECE = 4096  # what a pipe that is ready takes at once
 
 def main() -> NoReturn:
     """Fork a keeper for each message on standard input, a socket, which brings its files; end with that socket."""
+    with suppress(OSError), open("/proc/self/oom_score_adj", "w") as score:  # as the next line, for all that it forks
+        score.write("1000")  # the first to end if the machine has no memory left
+    keep_secrets()  # no solver looks into, or writes to, what the next one is forked from
     requests = socket.socket(fileno=os.dup(0))
     _null(0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _control(_SUBREAPER, 1)
+    control(_SUBREAPER, 1)
     offers.own()  # import what most solvers use
     compile_all([one for one in KERNELS if not one.cold])  # loads those that are compiled, once for all solvers
     keep_freed_memory()
@@ -65,10 +68,6 @@ def _null(file: int) -> None:
     os.dup2(os.open(os.devnull, os.O_RDWR), file)
 
 
-def _control(option: int, value: int) -> None:
-    ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
-
-
 def _keep(told: int, data: int, memory: int, errors: int) -> NoReturn:
     """Keep a solver's process until it ends or the evaluation closes ``told``."""
     woken, wakes = os.pipe()
@@ -76,7 +75,7 @@ def _keep(told: int, data: int, memory: int, errors: int) -> NoReturn:
     os.set_blocking(wakes, False)
     signal.set_wakeup_fd(wakes, warn_on_full_buffer=False)
     signal.signal(signal.SIGCHLD, lambda *_: None)
-    _control(_SUBREAPER, 1)
+    control(_SUBREAPER, 1)
     keeper = os.getpid()
     pid = os.fork()
     if pid == 0:
@@ -153,10 +152,10 @@ def _end_children(pid: int | None) -> None:
 
 def _become_solver(keeper: int, data: int, memory: int, prints: int) -> NoReturn:
     """Make this process one that a stranger may have: nothing open, its own session, limits; then serve."""
-    _control(_DEATH_SIGNAL, signal.SIGKILL)
+    control(_DEATH_SIGNAL, signal.SIGKILL)
     if os.getppid() != keeper:
         os._exit(1)
-    _control(_NO_NEW_PRIVILEGES, 1)
+    control(_NO_NEW_PRIVILEGES, 1)
     os.setsid()
     for file in (1, 2):
         os.dup2(prints, file)
@@ -167,8 +166,6 @@ def _become_solver(keeper: int, data: int, memory: int, prints: int) -> NoReturn
     sys.stdout = os.fdopen(1, "w", 1, "utf-8", "backslashreplace", closefd=False)
     sys.stderr = os.fdopen(2, "w", 1, "utf-8", "backslashreplace", closefd=False)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    with suppress(OSError), open("/proc/self/oom_score_adj", "w") as score:
-        score.write("1000")  # the first to end if the machine has no memory left
     random.seed()
     np.random.seed()  # noqa: NPY002
     serving.serve(socket.socket(fileno=data), memory)

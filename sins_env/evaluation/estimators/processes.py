@@ -35,14 +35,19 @@ def interrupts_held() -> Iterator[None]:
 _DUMPABLE = 4  # linux/prctl.h
 
 
+def control(option: int, value: int) -> None:
+    """Set an option of this process by ``prctl``, which Linux has."""
+    libc = ctypes.CDLL(None)
+    if hasattr(libc, "prctl"):
+        libc.prctl(option, value, 0, 0, 0)
+
+
 def keep_secrets() -> None:
-    """Keep other processes of the same user from reading the memory of this one, which holds the seed of a hidden suite.
+    """Keep other processes of the same user from the memory of this one, which holds the seed of a hidden suite, say.
 
     Linux does this; a process of root can read it in any case.
     """
-    libc = ctypes.CDLL(None)
-    if hasattr(libc, "prctl"):
-        libc.prctl(_DUMPABLE, 0, 0, 0, 0)
+    control(_DUMPABLE, 0)
 
 
 def prepare() -> None:

@@ -489,7 +489,8 @@ class SeesSecrets(Honest):
         files = sorted(os.readlink(file).partition(":")[0] for file in listed if os.path.islink(file))
         with open("/proc/self/cmdline") as arguments, open("/proc/self/environ") as environment:
             told = arguments.read() + environment.read() + repr(os.environ) + repr(sys.argv)
-        raise RuntimeError(f"seed {'987654321987' in told}, files {' '.join(files)}")
+        readable = ctypes.CDLL(None).prctl(3, 0, 0, 0, 0)  # PR_GET_DUMPABLE: of what this process was forked from
+        raise RuntimeError(f"seed {'987654321987' in told}, files {' '.join(files)}, readable {readable}")
 
 
 class Patches(Honest):

@@ -1,5 +1,6 @@
 """Whatever a stranger's solver does costs its own runs and nothing else, and its reason is on record."""
 
+import ctypes
 import dataclasses
 import os
 import re
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from evaluation.short import SHORT
 
+from sins_env.cli.arguments import seed
 from sins_env.evaluation import check_estimator, evaluate, run_episode
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.estimators.child import Child
@@ -43,7 +45,7 @@ RAISES = {
     "KillsGroup": "step ended its process (signal SIGTERM)",
     "ClosesAll": "step ended its process (exit code 120)",
     "RaisesItsLimit": "step raised ValueError: not allowed to raise maximum limit",
-    "SeesSecrets": "step raised RuntimeError: seed False, files /dev/null /memfd /memfd pipe pipe socket",
+    "SeesSecrets": "step raised RuntimeError: seed False, files /dev/null /memfd /memfd pipe pipe socket, readable 0",
 }
 HANGS = ("LoopsInPython", "LoopsInC", "Sleeps", "IgnoresSignals", "Stops", "ArrayLoops")
 #: Solvers whose runs are those of the honest one: what they do, or look for, is not there.
@@ -230,6 +232,19 @@ def test_every_verb_survives(cli, tmp_path, monkeypatch):
     with pytest.raises(EstimatorError, match=r"a call in the checks took longer than 0\.4 s"):
         check_estimator(EVIL + "Sleeps", epoch_timeout_s=LIMIT_S)
     assert finding.describe(EVIL + "Inits").settings == {"what": "'exit'"}
+
+
+def test_a_seed_makes_the_process_unreadable():
+    """Whether it comes by the command line or by a program; the kernel tells it."""
+    control = ctypes.CDLL(None).prctl
+    readable, set_readable = 3, 4  # linux/prctl.h: PR_GET_DUMPABLE, PR_SET_DUMPABLE
+    for give in (lambda: seed("7"), lambda: evaluate(TINY, "ckf", 1, seed=7, cost=False, workers=1)):
+        control(set_readable, 1, 0, 0, 0)
+        try:
+            give()
+            assert control(readable, 0, 0, 0, 0) == 0
+        finally:
+            control(set_readable, 1, 0, 0, 0)
 
 
 def test_a_folder_of_a_stranger_shadows_nothing_here(tmp_path, monkeypatch):
