@@ -256,6 +256,7 @@ def _build(one: Kernel, cache: bool) -> Any:
         for i, (kind, shape) in enumerate(zip(types_, shapes, strict=True))
     ]
     _closure(one.py_func)
+    cache &= one.py_func.__module__ in sys.modules  # compiled code finds its module by that name
     body = _for_numba(one.py_func, str(_source(one)) if cache else None)
     builder = GUFuncBuilder(body, "()->()", cache=cache, targetoptions={"nopython": True})
     builder.signature, builder.sin, builder.sout = one.layout, _Shapes(inputs, outputs), outputs

@@ -134,7 +134,7 @@ def test_gaps(tmp_path):
         ({"reveal_truth": "x"}, "reveal_truth = 'x'; allowed: True or False"),
         ({"prior": {}}, r"unknown prior \{\}; allowed: matched, thesis"),
         ({"n_sub": "10"}, "n_sub = '10'; allowed: a whole number"),
-        ({"duration": "5"}, "duration = '5'; allowed: a number of seconds"),
+        ({"duration": "5"}, "duration = '5'; allowed: a finite number of seconds"),
         ({"duration": 5.0, "window": (1.0, 5.0)}, r"duration = 5 with a window; allowed: window = \(start, length\)"),
         ({"duration": 0.25}, "duration = 0.25 s with epochs of 0.1 s"),
         ({"duration": 11.0}, "window from 0 to 11 s of parked; allowed: within 0 to 10 s"),

@@ -124,6 +124,16 @@ def criteria_json(criteria: Criteria) -> str:
     return json.dumps({n: v.tolist() if isinstance(v, np.ndarray) else v for n, v in vars(criteria).items()})
 
 
+def criteria_change(before: Criteria, now: Criteria) -> str:
+    """Return the first of the criteria that differs, with both values; empty if all are equal but for rounding."""
+    for name, held in vars(before).items():
+        value = getattr(now, name)
+        if np.shape(held) != np.shape(value) or not np.allclose(held, value, rtol=1e-9, atol=0.0):
+            held, value = (one.tolist() if isinstance(one, np.ndarray) else one for one in (held, value))
+            return f"{name} = {held} stored, {value} now"
+    return ""
+
+
 def criteria_of(text: str) -> Criteria:
     """Return criteria from their JSON; the inverse of :func:`criteria_json`.
 

@@ -31,6 +31,7 @@ from sins_env.evaluation.store.rows import (
     binding,
     bound_json,
     bound_of,
+    criteria_change,
     criteria_json,
     criteria_of,
     definition_json,
@@ -86,13 +87,24 @@ class Store(Database):
             return {run for (run,) in self.connection.execute(f"SELECT run FROM runs WHERE {_OF_KEY}", key.values)}
 
     def add(self, key: Key, records: Records) -> None:
-        """Write the rows of a chunk, all or none; rows that the file has already stay as they are."""
+        """Write the rows of a chunk, all or none; rows that the file has already stay as they are.
+
+        Raises:
+            ValueError: the file's runs of the task were scored by other criteria.
+        """
         marks = ", ".join("?" * len(RUN_COLUMNS))
         with self.explaining(), self.transaction():
             session = self._of_session()
             sql = "INSERT INTO tasks (task, criteria) VALUES (?, ?)"
-            sql += " ON CONFLICT DO UPDATE SET criteria = coalesce(criteria, excluded.criteria)"
-            self.connection.execute(sql, (key.task, criteria_json(records.criteria)))
+            sql += " ON CONFLICT DO UPDATE SET criteria = coalesce(criteria, excluded.criteria) RETURNING criteria"
+            (held,) = self.connection.execute(sql, (key.task, criteria_json(records.criteria))).fetchone()
+            with self.reading(f"the criteria of {key.task}"):
+                change = criteria_change(criteria_of(held), records.criteria)
+            if change:
+                raise ValueError(
+                    f"{self.path}: runs of {key.task} were scored by other criteria, {change}; they would not compare: "
+                    "--db another file"
+                )
             sql = f"INSERT OR IGNORE INTO runs ({', '.join(RUN_COLUMNS)}) VALUES ({marks}) RETURNING id"
             for run in map(records.row, range(len(records))):
                 new = self.connection.execute(sql, to_row(key, session, run)).fetchone()

@@ -1,7 +1,7 @@
 """Verification of stored scores: random rows are run once more and compared.
 
 A row can be verified if its task, solver and code are the present ones and the seed of its suite is given. A task whose
-world (digest) or definition has changed is a difference, too.
+world (digest), definition, criteria or bound has changed is a difference, too, because the tables show what is stored.
 
 A file never decides what is imported. A solver by name must be installed. One by path, module:Factory, must be trusted by
 the caller in the same words. The version of its code is compared before anything of it is imported.
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,8 +24,9 @@ from sins_env.evaluation.play.criteria import COMPONENTS, DIVERGED_SIGMAS, PHI, 
 from sins_env.evaluation.play.executors import Runner
 from sins_env.evaluation.play.fields import NEES_PARTS, Field
 from sins_env.evaluation.play.records import FIELDS, Records
+from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.store.key import Key
-from sins_env.evaluation.store.rows import binding, definition_json
+from sins_env.evaluation.store.rows import binding, criteria_change, definition_json
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks.catalogue import TASKS
 from sins_env.evaluation.tasks.fingerprint import digest
@@ -36,6 +37,7 @@ from sins_env.evaluation.tasks.task import suite_hash
 TOLERANCE = 1e-9
 #: Factor of the tolerance of a NEES in navigation, whose standard deviations are that much smaller than those at the start.
 NEES_SIZE = 1e4
+BOUND_TOLERANCE = 1e-6  #: relative tolerance of a bound, whose Riccati equation sums rounding errors of many epochs
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,7 @@ def verify(
     count = min(rows, len(candidates))
     chosen = np.random.default_rng(draw).permutation(len(candidates))[:count].tolist()
     differences = [text for text in changed.values() if text]
+    yardsticks: dict[str, None] = {}  # each task's once
     by_key: dict[int, list[int]] = {}
     for at in sorted(chosen):
         by_key.setdefault(candidates[at][0], []).append(candidates[at][1])
@@ -101,9 +104,28 @@ def verify(
             workers=None if where else 1, progress=report,
         )  # fmt: skip
         stored = store.results(key, runs)
+        yardsticks |= dict.fromkeys(f"{key.task}: {text}" for text in _yardsticks(stored, found))
         differences += [f"{stored.label} on {key.task}, {text}" for text in compare_runs(stored.records, found.records)]
         done += len(runs)
-    return Verified(done, tuple(differences), left_out)
+    return Verified(done, (*yardsticks, *differences), left_out)
+
+
+def _yardsticks(stored: Results, now: Results) -> Iterator[str]:
+    """Yield how the criteria and the bound that the tables are made with differ from those of the task."""
+    if text := criteria_change(stored.records.criteria, now.records.criteria):
+        yield f"its criteria have changed, {text}"
+    before, bound = stored.stored_bound, now.bound
+    if before == "ask" or not stored.records.criteria.scored:
+        return
+    if before is None or bound is None:
+        if before is not bound:
+            yield f"its bound has changed, {before} stored, {bound} now"
+        return
+    for name, held in vars(before).items():
+        value = getattr(bound, name)
+        if held.shape != value.shape or not np.allclose(held, value, rtol=BOUND_TOLERANCE, atol=0.0):
+            yield f"its bound has changed in {name}, {before} stored, {bound} now"
+            return
 
 
 def may_run(solver: str, trusted: Collection[str] = ()) -> bool:

@@ -99,7 +99,7 @@ class KalmanParticles(ParticleFilter):
         hat, _, repaired_S = condition(prior, y._replace(cov=y.cov + R), own.z)
         S, repaired_P = cholesky(hat.cov)
         N = normals("random", b.key, b.health.epoch, PREDICT, *b.x.shape[-2:])
-        x, lost = fit(_drawn(hat.mean, S, N), collapse(before, hat), before)
+        x, lost = fit(_drawn(hat.mean, S, N), _mixture(before, *hat), before)
         log_w = b.log_w + log_density(me.z[..., None, :] - through(me.h, x, self.memory_mb), me.R, law)
         log_w += log_normal(x - prior.mean, cholesky(prior.cov)[0]) - log_normal(x - hat.mean, S)
         w, _ = normalise(log_w)
@@ -110,7 +110,7 @@ class KalmanParticles(ParticleFilter):
         if rows.any():
             x[rows] = taken(x[rows], self.survivors(b, w, rows))
             w[rows] = 1.0 / self.particles
-        seen = collapse(before, Gaussian(y.mean, y.cov))
+        seen = _mixture(before, y.mean, y.cov)
         if few.any():
             target = _kalman_where(few, target, _mixture(before, b.x, b.P), me, law, self.rule)
             w = np.where(few[..., None], before, w)

@@ -288,6 +288,17 @@ def test_a_changed_task_is_refused(tmp_path, monkeypatch, results, key, short):
             db.add_task(short)
 
 
+def test_runs_scored_by_other_criteria_are_refused(tmp_path, results, key, short):
+    with Store(tmp_path / "r.sqlite") as db:
+        db.add_task(short)
+        db.add(key, results.records)
+        wide = dataclasses.replace(results.records.criteria, delta=2 * results.records.criteria.delta)
+        with pytest.raises(
+            ValueError, match=r"short-v0 were scored by other criteria, delta = \[.*\] stored, \[.*\] now"
+        ):
+            db.add(key, dataclasses.replace(results.records, criteria=wide))
+
+
 def test_missing_and_empty(tmp_path):
     with pytest.raises(StoreError, match="no such results file"):
         Store(tmp_path / "r.sqlite", read_only=True)

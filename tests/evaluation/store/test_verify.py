@@ -1,6 +1,8 @@
 """Rows are made again; what was tampered with, or belongs to another code, world or suite, is told from what is equal."""
 
 import io
+import json
+import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +118,26 @@ def test_a_changed_world_is_found(short):
     assert line.startswith("short-v0: its world has changed, digest 0123456789abcdef stored, ")
     tamper("UPDATE tasks SET digest = NULL, definition = replace(definition, '\"hold_s\": 5.0', '\"hold_s\": 7.0')")
     assert check().differences == ("short-v0: its definition has changed",)
+
+
+def test_changed_yardsticks_are_found(short):
+    fill(short, "DeadReckoning", 2)
+    assert check().differences == ()
+    with sqlite3.connect("results.sqlite") as db:
+        criteria, bound = db.execute("SELECT criteria, bound FROM tasks").fetchone()
+    wide = json.loads(criteria)
+    wide["delta"] = [10 * one for one in wide["delta"]]
+    tamper(f"UPDATE tasks SET criteria = '{json.dumps(wide)}'")
+    (line, *_) = check().differences
+    assert line.startswith(f"short-v0: its criteria have changed, delta = {wide['delta']} stored, ")
+    low = json.loads(bound)
+    low["steady"] = [one / 10 for one in low["steady"]]
+    tamper(f"UPDATE tasks SET criteria = '{criteria}', bound = '{json.dumps(low)}'")
+    (line,) = check().differences
+    assert line.startswith("short-v0: its bound has changed in steady, <Bound: ")
+    tamper("UPDATE tasks SET bound = 'null'")
+    (line,) = check().differences
+    assert line.startswith("short-v0: its bound has changed, None stored, <Bound: ")
 
 
 def test_the_command(short, capsys, monkeypatch):
