@@ -33,6 +33,7 @@ from sins_env.evaluation.estimators.wire import Answer, Layout
 
 START_S = 300.0  #: longest time in which the first interpreter imports its modules, even on a busy machine
 LOOK_S = 0.1  #: period of the check that a silent process still runs and has time left
+FORK_S = 30.0  #: longest time in which a keeper forks a process, even on a busy machine
 GRACE_S = 1.0  #: time in which the keeper of a process tells how it ended
 END_S = 10.0  #: time in which the keeper ends a process, and whatever that has started
 #: exceptions of pickle for what cannot be sent to another process
@@ -81,16 +82,31 @@ class _Starter:
 
     def start(self, *files: int) -> None:
         """Start a process with these open files: what the keeper tells, calls, shared memory, standard error."""
+        self._wake()
         socket.send_fds(self._socket, [wire.STARTED], files)
+
+    def end_stopped(self) -> None:
+        """End keepers that do not run because a solver has stopped them."""
+        self._wake()
+        self._socket.sendall(wire.STOPPED)
+
+    def _wake(self) -> None:
+        """Have the interpreter go on if a solver has stopped it."""
+        with suppress(OSError):  # another user's: a start that takes too long ends it
+            self.process.send_signal(signal.SIGCONT)
 
     def close(self) -> None:
         """End the interpreter, and with it all that it has started."""
+        self._wake()
         self._socket.close()
         atexit.unregister(self.close)
         if self.owner == os.getpid():
             with suppress(subprocess.TimeoutExpired):
                 self.process.wait(END_S)
-            self.process.kill()
+                return
+            with suppress(OSError):
+                os.killpg(self.process.pid, signal.SIGKILL)
+            self.process.wait()
 
 
 _starter: _Starter | None = None
@@ -111,13 +127,22 @@ def _start(*files: int) -> None:
     raise RuntimeError(CANNOT_START)
 
 
+def _drop() -> None:
+    """End the starter of this process; the next start brings another."""
+    global _starter
+    with _starting:
+        if _starter is not None:
+            _starter.close()
+        _starter = None
+
+
 class Child:
     """A process with an object of the class ``target``, given as ``module:name``, that is made there.
 
     The process starts with the first call, and again with the first call after it was lost.
 
     Args:
-        target: class of the object, which is made with the descriptor of the shared memory.
+        target: class of the object, which is made with the descriptor of the socket that shared memory comes through.
         script: whether the process needs the script of this one, for a solver that it defines.
     """
 
@@ -125,7 +150,7 @@ class Child:
         self.target, self.script = target, script
         self._data: socket.socket | None = None
         self._told: socket.socket | None = None  # what its keeper tells
-        self._memory = -1
+        self._memories: socket.socket | None = None  # the way of shared memory to the process
         self._pid = 0
         self._number = 0
 
@@ -148,12 +173,17 @@ class Child:
             raise EstimatorError("its process has ended") from error
 
     def share(self, layout: Layout) -> dict[str, NDArray[Any]]:
-        """Return arrays in memory that the process shares; earlier arrays may lie in the same place."""
+        """Return arrays in new memory, which is on its way to the process; there :func:`wire.received` takes it."""
         if self._data is None:
             self._begin()
-        if os.fstat(self._memory).st_size < (size := wire.size_of(layout)):
-            os.ftruncate(self._memory, size)
-        return wire.shared(self._memory, layout)
+        assert self._memories is not None
+        memory = wire.new_memory(layout)
+        try:
+            with suppress(OSError):  # the process has ended, or takes none: the next call tells it
+                socket.send_fds(self._memories, [b"m"], [memory])
+            return wire.shared(memory, layout)
+        finally:
+            os.close(memory)
 
     def call(self, name: str, limit_s: float, *arguments: Any, beats: int = 0) -> Answer:
         """Call the object's method ``name`` and return its answer.
@@ -175,41 +205,71 @@ class Child:
         if self._told is not None:
             with suppress(OSError):
                 self._told.shutdown(socket.SHUT_WR)
-                self._told.settimeout(END_S)
-                while self._told.recv(64):  # until its keeper has ended
-                    pass
+                self._until_kept_no_more()
             self._told.close()
         if self._data is not None:
             self._data.close()
-        if self._memory >= 0:
-            os.close(self._memory)
-        self._data = self._told = None
-        self._memory = -1
+        if self._memories is not None:
+            self._memories.close()
+        self._data = self._told = self._memories = None
+
+    def _until_kept_no_more(self) -> None:
+        """Wait until the keeper has ended. If that takes long, the solver may have stopped it, and it is ended."""
+        assert self._told is not None
+        for limit_s in (GRACE_S, END_S):
+            self._told.settimeout(limit_s)
+            try:
+                while self._told.recv(64):
+                    pass
+                return
+            except TimeoutError:
+                if _starter is not None and _starter.usable:
+                    _starter.end_stopped()
 
     def _begin(self) -> None:
         if not hasattr(os, "memfd_create"):
             raise ValueError(_NO_SUCH_SYSTEM)
-        self._data, data = socket.socketpair()
-        self._told, told = socket.socketpair()
-        self._memory = wire.new_memory()
-        with data, told:
-            errors = os.dup(2)
+        try:
             try:
-                _start(told.fileno(), data.fileno(), self._memory, errors)
-            except BaseException:
+                self._fork()
+            except TimeoutError:  # a solver may have stopped the starter for good
                 self.close()
-                raise
-            finally:
-                os.close(errors)
+                _drop()
+                self._fork()
+        except (OSError, EOFError) as error:
+            self.close()
+            raise Unavailable(f"its process cannot start: {error}") from error
+        except BaseException:
+            self.close()
+            raise
+        assert self._data is not None
         for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):  # the kernel's limits cost no further call
             self._data.setsockopt(socket.SOL_SOCKET, option, struct.pack("ll", 0, round(LOOK_S * 1e6)))
         try:
-            self._told.settimeout(START_S)
-            _, self._pid = wire.END.unpack(_received(self._told, wire.END.size))
             self._call("begin", START_S, self.target, _around(self.script))
         except (EstimatorError, OSError, EOFError) as error:
             self.close()
             raise Unavailable(f"its process cannot start: {error}") from error
+
+    def _fork(self) -> None:
+        """Have the starter fork the process.
+
+        Raises:
+            TimeoutError: it does not.
+            RuntimeError: the starter cannot start.
+        """
+        self._data, data = socket.socketpair()
+        self._told, told = socket.socketpair()
+        self._memories, memories = socket.socketpair()
+        self._memories.setblocking(False)
+        with data, told, memories:
+            errors = os.dup(2)
+            try:
+                _start(told.fileno(), data.fileno(), memories.fileno(), errors)
+            finally:
+                os.close(errors)
+        self._told.settimeout(FORK_S)
+        _, self._pid = wire.END.unpack(_received(self._told, wire.END.size))
 
     def _call(self, name: str, limit_s: float, *arguments: Any, beats: int = 0) -> Answer:
         request = pickle.dumps((name, arguments))

@@ -265,8 +265,8 @@ def layout_of(obs: Obs, num_runs: int, navigate: bool) -> Layout:
 class Served:
     """Other end of :class:`Isolated`: the estimator and its guard, in the process of their own."""
 
-    def __init__(self, memory: int) -> None:
-        self._memory = memory
+    def __init__(self, memories: int) -> None:
+        self._memories = memories
 
     def make(self, solver: finding.Solver, settings: Mapping[str, Any]) -> Answer:
         self._estimator = finding.make(solver, settings)
@@ -279,7 +279,7 @@ class Served:
         self._guard.reset(task, rngs)
 
     def share(self, layout: Layout) -> None:
-        arrays = wire.shared(self._memory, layout)
+        arrays = wire.received(self._memories, layout)
         self._answers = {name: arrays.pop(name) for name in ("action", "covariance", "health")}
         self._obs = arrays
 

@@ -23,7 +23,7 @@ import numpy as np
 from sins_env.evaluation.estimators import offers, serving
 from sins_env.evaluation.estimators.memory import keep_freed_memory
 from sins_env.evaluation.estimators.processes import control, keep_secrets
-from sins_env.evaluation.estimators.wire import END, ENDED, STARTED
+from sins_env.evaluation.estimators.wire import END, ENDED, STARTED, STOPPED
 from sins_env.kernels.compiling import KERNELS
 from sins_env.kernels.warming import compile_all
 
@@ -57,7 +57,9 @@ def main() -> NoReturn:
         if not message:
             _end_children(None)
             os._exit(0)
-        if os.fork() == 0:
+        if message == STOPPED:
+            _end_stopped()
+        elif os.fork() == 0:
             requests.detach()
             _keep(*files)
         for file in files:
@@ -68,7 +70,7 @@ def _null(file: int) -> None:
     os.dup2(os.open(os.devnull, os.O_RDWR), file)
 
 
-def _keep(told: int, data: int, memory: int, errors: int) -> NoReturn:
+def _keep(told: int, data: int, memories: int, errors: int) -> NoReturn:
     """Keep a solver's process until it ends or the evaluation closes ``told``."""
     woken, wakes = os.pipe()
     output, prints = os.pipe()
@@ -81,8 +83,8 @@ def _keep(told: int, data: int, memory: int, errors: int) -> NoReturn:
     if pid == 0:
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-        _become_solver(keeper, data, memory, prints)
-    for file in (data, memory, prints):
+        _become_solver(keeper, data, memories, prints)
+    for file in (data, memories, prints):
         os.close(file)
     with suppress(OSError):
         os.write(told, END.pack(STARTED, pid))
@@ -132,13 +134,25 @@ def _pass_on(text: bytes, errors: int, printed: int) -> int:
     return printed + len(text)
 
 
+def _children() -> list[int]:
+    with open(f"/proc/self/task/{os.getpid()}/children") as file:
+        return [int(child) for child in file.read().split()]
+
+
+def _end_stopped() -> None:
+    """End the keepers that are stopped, which only a solver does; what they keep ends with them."""
+    for child in _children():
+        with suppress(OSError), open(f"/proc/{child}/stat") as file:
+            if file.read().rpartition(")")[2].split()[0] in "Tt":
+                os.kill(child, signal.SIGKILL)
+
+
 def _end_children(pid: int | None) -> None:
     """End all children of this process, and theirs, who become children of this process when their parent ends."""
     deadline = time.monotonic() + END_S
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     while time.monotonic() < deadline:
-        with open(f"/proc/self/task/{os.getpid()}/children") as file:
-            children = [int(child) for child in file.read().split()]
+        children = _children()
         for child in children or [pid] if pid else children:
             with suppress(OSError):
                 os.kill(child, signal.SIGKILL)
@@ -150,7 +164,7 @@ def _end_children(pid: int | None) -> None:
         time.sleep(0.001)
 
 
-def _become_solver(keeper: int, data: int, memory: int, prints: int) -> NoReturn:
+def _become_solver(keeper: int, data: int, memories: int, prints: int) -> NoReturn:
     """Make this process one that a stranger may have: nothing open, its own session, limits; then serve."""
     control(_DEATH_SIGNAL, signal.SIGKILL)
     if os.getppid() != keeper:
@@ -160,7 +174,7 @@ def _become_solver(keeper: int, data: int, memory: int, prints: int) -> NoReturn
     for file in (1, 2):
         os.dup2(prints, file)
     for file in map(int, os.listdir("/proc/self/fd")):
-        if file not in (0, 1, 2, data, memory):
+        if file not in (0, 1, 2, data, memories):
             with suppress(OSError):
                 os.close(file)
     sys.stdout = os.fdopen(1, "w", 1, "utf-8", "backslashreplace", closefd=False)
@@ -168,7 +182,7 @@ def _become_solver(keeper: int, data: int, memory: int, prints: int) -> NoReturn
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     random.seed()
     np.random.seed()  # noqa: NPY002
-    serving.serve(socket.socket(fileno=data), memory)
+    serving.serve(socket.socket(fileno=data), memories)
     os._exit(0)
 
 

@@ -30,11 +30,12 @@ def beat() -> None:
     _beat()
 
 
-def serve(data: socket.socket, memory: int) -> None:
+def serve(data: socket.socket, memories: int) -> None:
     """Answer calls until the evaluation closes the socket.
 
     A call is the name of a method and its arguments; it returns an :class:`Answer` or None. The first names the class of the
-    object, which is made with the descriptor of the shared memory, and what to take over from the evaluation.
+    object, and what to take over from the evaluation. The object is made with the descriptor of the socket through which
+    shared memory comes.
     """
     global _beat
     process, target, last = os.getpid(), None, 0.0
@@ -55,7 +56,7 @@ def serve(data: socket.socket, memory: int) -> None:
         try:
             name, arguments = pickle.loads(memoryview(request)[REQUEST.size :])
             if target is None:
-                target = _begin(memory, *arguments)
+                target = _begin(memories, *arguments)
             else:
                 answer = getattr(target, name)(*arguments) or answer
         except EstimatorError as error:
@@ -79,7 +80,7 @@ def _received(data: socket.socket, size: int) -> bytes:
     return bytes(found)
 
 
-def _begin(memory: int, target: str, around: Mapping[str, Any]) -> Any:
+def _begin(memories: int, target: str, around: Mapping[str, Any]) -> Any:
     """Take over search path, folder, environment and limits, and return the object whose methods are called."""
     os.environ.clear()
     os.environ.update(around["environ"], **THREADS)
@@ -91,4 +92,4 @@ def _begin(memory: int, target: str, around: Mapping[str, Any]) -> Any:
     if around["main"]:
         spawn.prepare(around["main"])
     module, _, name = target.partition(":")
-    return getattr(importlib.import_module(module), name)(memory)
+    return getattr(importlib.import_module(module), name)(memories)

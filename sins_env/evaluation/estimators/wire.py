@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import mmap
 import os
+import socket
 import struct
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -21,6 +22,7 @@ REQUEST = struct.Struct("<II")  #: number of the call, and length of the pickled
 ANSWER = struct.Struct("<IBqHH")  #: number of the call, kind, value, and the lengths of two texts
 END = struct.Struct("<ci")  #: what the keeper of a process tells: STARTED with its number, or ENDED with its status
 STARTED, ENDED = b"s", b"e"
+STOPPED = b"t"  #: asks for the end of keepers that a solver has stopped
 DONE, FAILED, REFUSED, BEAT = range(4)  #: kinds of an answer; a beat tells that the call goes on
 MAX_TEXT = 4000  #: most bytes of a text; more is cut
 
@@ -66,10 +68,21 @@ def _padded(dtype: str, shape: tuple[int, ...]) -> int:
     return -(-np.dtype(dtype).itemsize * math.prod(shape) // _ALIGNED) * _ALIGNED
 
 
-def new_memory() -> int:
-    """Return the file descriptor of a new shared memory, which nobody can shrink below the feet of another process."""
+def new_memory(layout: Layout) -> int:
+    """Return the file descriptor of a new shared memory for a layout, whose size nobody can change any more."""
     import fcntl  # not on every system
 
     memory = os.memfd_create("sins-env", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
-    fcntl.fcntl(memory, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_SEAL)
+    os.ftruncate(memory, max(size_of(layout), 1))
+    fcntl.fcntl(memory, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL)
     return memory
+
+
+def received(memories: int, layout: Layout) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a layout in the next shared memory that comes through a socket, given by its descriptor."""
+    with socket.socket(fileno=os.dup(memories)) as come:
+        _, (memory,), _, _ = socket.recv_fds(come, 1, 1)
+    try:
+        return shared(memory, layout)
+    finally:
+        os.close(memory)

@@ -231,6 +231,17 @@ class KillsStarter(Honest):
             os.kill(int(file.read().rpartition(")")[2].split()[1]), signal.SIGKILL)
 
 
+class StopsKeeper(Honest):
+    def evil(self, obs):
+        os.kill(os.getppid(), signal.SIGSTOP)
+
+
+class StopsStarter(Honest):
+    def evil(self, obs):
+        with open(f"/proc/{os.getppid()}/stat") as file:
+            os.kill(int(file.read().rpartition(")")[2].split()[1]), signal.SIGSTOP)
+
+
 # ---- memory, files, output
 
 
@@ -381,7 +392,7 @@ class Inits(Honest):
 
 
 def wire():
-    """Return the socket to the evaluation."""
+    """Return the socket to the evaluation, which its process has before that of the shared memory."""
     for file in range(3, 64):
         try:
             found = socket.socket(fileno=os.dup(file))
@@ -426,6 +437,30 @@ class Shrinks(Honest):
             except OSError:
                 continue
             raise RuntimeError("it is shorter")
+
+
+class Grows(Honest):
+    """The memory that it shares, which no limit of its process counts."""
+
+    def evil(self, obs):
+        for file in range(3, 64):
+            try:
+                os.pwrite(file, b"x", 2**20)
+            except OSError:
+                continue
+            raise RuntimeError("it is longer")
+
+
+class Beats(Honest):
+    """Tells again and again that the call goes on."""
+
+    def evil(self, obs):
+        frame, data, end = sys._getframe(), wire(), time.monotonic() + 3.0
+        while "number" not in frame.f_locals:
+            frame = frame.f_back
+        while time.monotonic() < end:
+            data.sendall(struct.pack("<IBqHH", frame.f_locals["number"], 3, 0, 0, 0))
+            time.sleep(0.05)
 
 
 class Races(Honest):

@@ -44,13 +44,15 @@ RAISES = {
     "KillsParent": "step ended its process (its socket is closed)",
     "KillsGroup": "step ended its process (signal SIGTERM)",
     "ClosesAll": "step ended its process (exit code 120)",
+    "Beats": NO_ANSWER,
     "RaisesItsLimit": "step raised ValueError: not allowed to raise maximum limit",
-    "SeesSecrets": "step raised RuntimeError: seed False, files /dev/null /memfd /memfd pipe pipe socket, readable 0",
+    "SeesSecrets": "step raised RuntimeError: seed False, files /dev/null /memfd pipe pipe socket socket, readable 0",
 }
 HANGS = ("LoopsInPython", "LoopsInC", "Sleeps", "IgnoresSignals", "Stops", "ArrayLoops")
 #: Solvers whose runs are those of the honest one: what they do, or look for, is not there.
 HARMLESS = (
-    "Forks", "ForksAndReturns", "ForksAway", "StartsPrograms", "Threads", "KillsStarter", "Prints", "ClosesStandard",
+    "Forks", "ForksAndReturns", "ForksAway", "StartsPrograms", "Threads", "KillsStarter", "StopsKeeper", "StopsStarter", "Grows",
+    "Prints", "ClosesStandard",
     "Leaves", "PickleBomb", "Shrinks", "Frames", "Collector", "Patches",
 )  # fmt: skip
 RETURNS = {
