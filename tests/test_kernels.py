@@ -328,6 +328,29 @@ def test_a_cache_that_cannot_be_written(own):
     assert "cannot be written" in err
 
 
+def test_a_warm_cache_that_cannot_be_written_is_read(own):
+    """Without a word, and without compiling, after which Numba would save.
+
+    The lock is a folder, which even root cannot open as a file.
+    """
+    cache = own / "cache"
+    said(in_fresh_process(own, CALL, **{FOLDER: str(cache)}))
+    for lock in cache.rglob("lock"):
+        lock.unlink()
+        lock.mkdir()
+    before = sorted(cache.rglob("*"))
+    saves = "import numba.core.caching as c\ndef no(*a): raise SystemExit('compiles')\nc.IndexDataCacheFile.save = no\n"
+    assert said(in_fresh_process(own, saves + CALL, **{FOLDER: str(cache)})) == ("False 2.0\n", "")
+    assert sorted(cache.rglob("*")) == before
+
+
+def test_processes_that_one_starts_do_not_warn_again(own):
+    (own / "file").write_text("")
+    twice = f"{CALL}; import subprocess, sys; subprocess.run([sys.executable, '-c', {CALL!r}], check=True)"
+    _, err = said(in_fresh_process(own, twice, **{FOLDER: str(own / "file" / "cache")}))
+    assert err.count("cannot be written") == 1
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit of the size of files")
 def test_a_cache_on_a_full_disk(own):
     """Files may have 1,000 bytes, which is too few for any kernel."""

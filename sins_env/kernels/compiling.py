@@ -40,6 +40,10 @@ F = TypeVar("F", bound=Callable[..., Any])
 KERNELS: list[Kernel] = []  #: every kernel of the modules imported so far
 OFF = "NUMBA_DISABLE_JIT"  #: with this environment variable set to 1, Python runs the bodies of the kernels
 FOLDER = "NUMBA_CACHE_DIR"  #: environment variable with the folder of compiled code; the default is in the user's cache
+_TOLD = (
+    "SINS_ENV_TOLD_CACHE"  # environment variable with the folder that has been warned of, for processes started later
+)
+_COMPILED = "*/*.nb?"  # files of Numba in the folder of a kernel: indices and code
 _helpers: dict[types.FunctionType, Any] = {}  #: every helper, with its compiled form as soon as there is one
 #: How helpers are compiled; numbers divide as in NumPy.
 _reordered: set[Any] = set()  #: the helpers with sums in any order
@@ -130,10 +134,10 @@ class Kernel:
         config: Any = numba.config
         kept = config.CACHE_DIR
         try:
-            with _locked(self.folder) as writable:
-                config.CACHE_DIR = str(self.folder)
+            with _locked(self.folder) as place:
+                config.CACHE_DIR = str(place or "")
                 try:
-                    return _build(self, writable)
+                    return _build(self, place is not None)
                 except OSError as error:  # a full disk: what was compiled cannot be kept
                     _warn(self.folder, error)
                     return _build(self, False)
@@ -276,23 +280,39 @@ def _source(one: Kernel) -> Path:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[bool]:
-    """Hold the lock of a cache folder, which is made; yield whether it can be written. The lock ends with its process."""
+def _locked(folder: Path) -> Iterator[Path | None]:
+    """Hold the lock of a cache folder, which is made, and yield it. The lock ends with its process.
+
+    A folder that cannot be written is read: yield a copy of its compiled code, or None if it has none. Numba wants to write.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         file = open(folder / "lock", "a")  # noqa: SIM115 - closed below, when the lock is no longer needed
     except OSError as error:
-        _warn(folder, error)
-        yield False
+        compiled = list(folder.glob(_COMPILED))
+        if not compiled:
+            _warn(folder, error)
+            yield None
+            return
+        with tempfile.TemporaryDirectory() as copy:
+            for code in compiled:
+                (place := Path(copy) / code.parent.name).mkdir(exist_ok=True)
+                (place / code.name).write_bytes(code.read_bytes())
+            yield Path(copy)
+            if len(list(Path(copy).glob(_COMPILED))) > len(compiled):  # what was there is another machine's
+                _warn(folder, error)
         return
     with file:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_EX)
-        yield True
+        yield folder
 
 
 def _warn(folder: Path, error: OSError) -> None:
-    """Warn that a cache folder cannot be written."""
+    """Warn that a cache folder cannot be written, once for this process and all that it starts."""
+    if os.environ.get(_TOLD) == str(folder.parent):
+        return
+    os.environ[_TOLD] = str(folder.parent)
     text = f"kernels are compiled in every process anew, because {folder.parent} cannot be written: {error.strerror}"
     warnings.warn(f"{text}; set {FOLDER} to a folder that can", RuntimeWarning, stacklevel=3)
 

@@ -42,7 +42,15 @@ PREFIX = (
     "SINS_ENV_SOLVER_PREFIX"  #: setting: a command that runs the interpreter of solvers, such as "runuser -u guest --"
 )
 MEMORY = "SINS_ENV_SOLVER_MEMORY_GB"  #: setting: most address space of a solver's process; "inf" is no limit
-_KEEPER = "from sins_env.evaluation.estimators.keeper import main; main()"
+_KEEPER = """
+try:
+    from sins_env.evaluation.estimators.keeper import main
+except Exception as error:
+    import os
+    os.write(0, f"{type(error).__name__}: {error}"[:1000].encode("utf-8", "replace"))
+    raise SystemExit(1)
+main()
+"""  # standard input is the socket
 _NO_SUCH_SYSTEM = "a solver of another package has a process of its own, which needs Linux"
 
 
@@ -56,7 +64,7 @@ class _Starter:
             *shlex.split(self.prefix),
             sys.executable,
             "-c",
-            f"import sys; sys.path[:] = {sys.path!r}; {_KEEPER}",
+            f"import sys; sys.path[:] = {sys.path!r}{_KEEPER}",
         ]
         threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "BLIS_NUM_THREADS"), "1")
         with interrupts_held(), there:
@@ -69,10 +77,13 @@ class _Starter:
             )
         atexit.register(self.close)
         self._socket.settimeout(START_S)
-        if self._socket.recv(1) != wire.STARTED:
-            raise RuntimeError(
-                f"{PREFIX}={self.prefix!r} does not run {sys.executable}" if self.prefix else CANNOT_START
-            )
+        told = b""  # how it starts: one byte, or the line that tells why it cannot
+        while told != wire.STARTED and (more := self._socket.recv(wire.MAX_TEXT)):
+            told += more
+        if told != wire.STARTED:
+            why = " ".join(told.decode("utf-8", "replace").split())
+            prefix = f"{PREFIX}={self.prefix!r} does not run {sys.executable}" if self.prefix else CANNOT_START
+            raise RuntimeError(f"the process that starts solvers cannot start: {why}" if why else prefix)
 
     @property
     def usable(self) -> bool:

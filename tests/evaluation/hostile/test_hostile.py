@@ -13,7 +13,7 @@ from evaluation.short import SHORT
 
 from sins_env.cli.arguments import seed
 from sins_env.evaluation import check_estimator, evaluate, run_episode
-from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.estimators import child, finding
 from sins_env.evaluation.estimators.child import Child
 from sins_env.evaluation.estimators.guard import EstimatorError
 from sins_env.evaluation.store.store import Store
@@ -266,6 +266,15 @@ def test_a_prefix_runs_the_interpreter_of_solvers(monkeypatch, honest):
     np.testing.assert_array_equal(play("Honest").history, honest.history)
     monkeypatch.setenv("SINS_ENV_SOLVER_PREFIX", "false")
     with pytest.raises(RuntimeError, match="SINS_ENV_SOLVER_PREFIX='false' does not run /"):
+        play("Honest")
+
+
+def test_why_solvers_cannot_start_is_told(monkeypatch, tmp_path):
+    """A module on the search path that shadows one of the starter's."""
+    (tmp_path / "threadpoolctl.py").write_text("raise ImportError('a shadow')")
+    monkeypatch.setattr(child, "_starter", None)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(RuntimeError, match="the process that starts solvers cannot start: ImportError: a shadow"):
         play("Honest")
 
 
