@@ -64,7 +64,7 @@ class Archive:
                     raise ValueError(f"{key} of shape {shape} needs {declared} bytes, and {there} are there")
             with self._zip.open(member) as stream:
                 return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
-        except _BROKEN as error:
+        except Exception as error:  # NumPy reads the header as Python, and damaged bytes provoke anything
             raise self._broken(error) from error
 
     def _broken(self, error: BaseException) -> ValueError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from sins_env.units import DEG
 Place = Callable[[int], str]  #: function that tells the place of a row in its file, such as "line 17" or "sample 3"
 
 #: Limits of the parts of a recording, far beyond those of vehicles.
+MOST_ANGLE = 1e3
 MOST_SPEED_MPS, MOST_HEIGHT_M, MOST_LEVER_M, MOST_STD = 1e5, 1e7, 1e4, 1e9
 MOST_RATE_HZ, MOST_SAMPLE_S, MOST_TIME_S = 1e7, 1e4, 1e12
 LATITUDE = "latitude within 89.9 deg, longitude within 360 deg, height in m"
@@ -74,7 +76,10 @@ def check_ranges(path: Path, recording: Recording) -> None:
         ValueError: a value out of its range.
     """
     gnss, ref = recording.gnss, recording.reference
-    parts = {
+    there = ~recording.missing
+    parts: dict[tuple[str, float], Any] = {
+        ("velocity increments", MOST_SPEED_MPS): recording.dvel[there],
+        ("angle increments", MOST_ANGLE): recording.dtheta[there],
         ("rate_hz", MOST_RATE_HZ): recording.rate_hz,
         ("1 / rate_hz", MOST_SAMPLE_S): 1.0 / recording.rate_hz,
         ("t0", MOST_TIME_S): recording.t0,

@@ -17,6 +17,7 @@ from sins_env.recordings.recording import Recording, first_few, frozen, seconds
 GAP = 1.5  #: shortest step between stamps, in samples, that means missing samples
 JITTER = 0.2  #: largest difference, in samples, between the sum of two steps and two samples for a jittering stamp
 CRYSTAL = 1e-4  #: largest relative error of an oscillator that is meant to run at a whole number of Hz
+FINEST = 1000  #: most new samples for each old one when a recording is resampled
 WHOLE_HZ = 0.25  #: largest distance of stamps, in samples, from the clock of a whole number of Hz
 
 
@@ -205,7 +206,7 @@ def resampled(t: Array, increments: Array, rate: float, hz: float) -> Clocked:
     that over the old ones. Gaps stay gaps: a new sample must lie between old stamps.
 
     Raises:
-        ValueError: a rate that is none, or a sample longer than the recording.
+        ValueError: a rate that is none, a sample longer than the recording, or too many new samples.
     """
     from scipy.interpolate import CubicSpline  # slow to import
 
@@ -216,6 +217,8 @@ def resampled(t: Array, increments: Array, rate: float, hz: float) -> Clocked:
     count = int(np.floor(float(t[-1]) * hz + 1e-6) - tick)
     if count < 1:
         raise refused("resample_hz", hz, f"samples shorter than the recording, {seconds(float(t[-1]) - begin)} s")
+    if count > FINEST * len(t):
+        raise refused("resample_hz", hz, f"at most {FINEST} new samples for each of the {len(t)} that are there")
     grid = np.full((count, increments.shape[1]), np.nan)
     for a, b in pairwise(starts):
         edges = np.concatenate([[t[a] - 1 / rate], t[a:b]])

@@ -82,7 +82,7 @@ class Unscented:
     kappa: float = 0.0  #: second spread parameter, > -n
 
     def __post_init__(self) -> None:
-        keep(self, "alpha", number, above=0.0)
+        keep(self, "alpha", number, "a finite number > 0, at least 1e-20", least=1e-20)
         keep(self, "beta", number)
         keep(self, "kappa", number)
 

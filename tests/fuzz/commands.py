@@ -79,7 +79,8 @@ def command_lines(example: Any) -> str:
     verb, words = play(example)
     if verb in PLAYING:
         words = ["nope" if word == "ckf" else word for word in words]
-        words += {"reproduce": ["99.99"], "bench": ["nope"], "eval": ["--solver", "nope"]}.get(verb, [])
+        words = {"reproduce": ["99.99"], "bench": ["nope"]}.get(verb, []) + words
+        words += ["--solver", "nope"] * (verb == "eval")
     os.chdir(folder())
     return run([verb, *words])
 

@@ -199,7 +199,7 @@ class Guard:
         health = self._call("health")
         try:
             repairs, fallbacks, frozen = (
-                np.broadcast_to(np.asarray(value, dtype=np.int64), (self.num_runs,))
+                np.broadcast_to(_counts(value), (self.num_runs,))
                 for value in (health.repairs, getattr(health, "fallbacks", 0), health.failed_at)
             )
         except Exception as error:
@@ -209,3 +209,12 @@ class Guard:
                 "health returned a negative count; allowed: counts from 0 on, and failed_at from -1 on"
             )
         return repairs, fallbacks, frozen
+
+
+def _counts(value: Any) -> NDArray[np.int64]:
+    """Return whole numbers as int64.
+
+    Raises:
+        ValueError: anything else, also NaN, which NumPy would make a number.
+    """
+    return np.asarray(np.asarray(value).tolist(), dtype=np.int64)

@@ -43,9 +43,8 @@ class _Part:
         names = [name.strip("\"' ") for name in names]
         found: dict[str, list[int]] = {}
         for field, spec in self.spec.items():
-            given = [spec["column"]] if "column" in spec else spec["columns"]
             found[field] = []
-            for column in given:
+            for column in _named(spec):
                 if isinstance(column, str):
                     if column not in names:
                         raise ValueError(f"{self.path}: {unknown(f'column of {field}', column, names)}")
@@ -60,9 +59,7 @@ class _Part:
     @cached_property
     def table(self) -> Any:
         wanted = sorted({place for places in self._columns.values() for place in places})
-        named = any(
-            isinstance(c, str) for spec in self.spec.values() for c in spec.get("columns", [spec.get("column")])
-        )
+        named = any(isinstance(column, str) for spec in self.spec.values() for column in _named(spec))
         style = Style(delimiter=self.delimiter, header=named if self.has_header is None else self.has_header)
         return wanted, read_table(self.path, None, style, wanted)
 
@@ -100,6 +97,11 @@ class _Part:
         return geodetic(self.path, "position", self.place, llh, self.unit("position", column_units.ANGLE, "deg"))
 
 
+def _named(spec: dict[str, Any]) -> Any:
+    """Return the columns of a field, by names or numbers."""
+    return [spec["column"]] if "column" in spec else spec["columns"]
+
+
 def _part(path: Path, mapping: Mapping, whose: str, given: Any, keys: tuple[str, ...], counts: dict[str, Any]) -> _Part:
     """Check an object of the mapping. ``counts`` has the allowed numbers of columns of each field, and if it is needed."""
     if not isinstance(given, dict):
@@ -114,10 +116,8 @@ def _part(path: Path, mapping: Mapping, whose: str, given: Any, keys: tuple[str,
                 raise ValueError(f"{path}: {whose} without {field!r}; allowed: a mapping that names its columns")
             continue
         value = spec[field]
-        columns = [value["column"]] if isinstance(value, dict) and "column" in value else None
-        if isinstance(value, dict) and isinstance(value.get("columns"), list):
-            columns = value["columns"]
-        if columns is None or len(columns) not in count:
+        columns = _named(value) if isinstance(value, dict) and len({"column", "columns"} & value.keys()) == 1 else None
+        if not isinstance(columns, list) or len(columns) not in count:
             allowed = f'{{"columns": [{" or ".join(map(str, count))} of them], "unit": ...}}'
             raise checks.refused(f"{field} of the mapping of {path.name}", value, allowed)
         for key in value:

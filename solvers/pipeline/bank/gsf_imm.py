@@ -50,7 +50,7 @@ class BankSettings:
     fix_offsets: bool = True
 
     def __post_init__(self) -> None:
-        keep(self, "spacing_deg", number, above=0.0, most=360.0)
+        keep(self, "spacing_deg", number, least=0.5, most=360.0)  # a slice has an inertial solution of its own
         keep(self, "imu_factors", _pairs)
         keep(self, "fix_factors", numbers, None, WITH_ONE, above=0.0)
         if 1.0 not in self.fix_factors:
