@@ -32,7 +32,8 @@ def given_to(name: str) -> Any:
 def observed() -> tuple[Any, list[Any]]:
     """Return a public task with its first observations."""
     env: Any = gymnasium.make("SINS/AlignSway-v0", duration=3.0).unwrapped
-    return env.task, [env.reset(seed=0)[0], *(env.step([1.0, 0, 0, 0])[0] for _ in range(2))]
+    observations = [env.reset(seed=0)[0], *(env.step([1.0, 0, 0, 0])[0] for _ in range(2))]
+    return env.task, observations  # the task of the reset, which has the told start
 
 
 def steps(name: str, given: dict[str, Any]) -> None:
