@@ -101,13 +101,17 @@ class FlightPlan:
         """
         if isinstance(given, FlightPlan):
             return given
-        if isinstance(given, (str, os.PathLike)):
-            path = Path(given)
-            fields = _read(path)
-            try:
-                return cls.of(fields)
-            except ValueError as error:
-                raise ValueError(f"{path}: {error}") from None
+        if not isinstance(given, (str, os.PathLike)):
+            return cls._of_fields(given)
+        path = Path(given)
+        fields = _read(path)
+        try:
+            return cls._of_fields(fields)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+
+    @classmethod
+    def _of_fields(cls, given: Any) -> FlightPlan:
         if not isinstance(given, Mapping):
             raise checks.refused(
                 "flight", given, "a dict of latitude_deg, longitude_deg, segments, ..., or a file with it"

@@ -200,6 +200,7 @@ def test_a_bad_start_is_one_clear_error(fields, message):
             "a.json: line 1 is no JSON .(Illegal trailing comma|Expecting property name)",
         ),
         ("a.yaml", "", "a.yaml: flight = None; allowed: a dict of latitude_deg"),
+        ("a.yaml", "a.yaml", "a.yaml: flight = 'a.yaml'; allowed: a dict"),  # the name of a file is no flight
         ("a.yaml", "latitude_deg: 1", "a.yaml: the flight has no longitude_deg"),
         ("a.yml", YAML.replace("climb", "clim"), r"a.yml: segment 3 .*did you mean 'climb'"),
         ("a.txt", YAML, "a.txt: no flight; allowed: a file that ends in .yaml, .yml, .json"),

@@ -217,4 +217,7 @@ def _counts(value: Any) -> NDArray[np.int64]:
     Raises:
         ValueError: anything else, also NaN, which NumPy would make a number.
     """
-    return np.asarray(np.asarray(value).tolist(), dtype=np.int64)
+    given = np.asarray(value)
+    if given.dtype.kind == "f" and not (np.abs(given) < 2.0**62).all():
+        raise ValueError("not finite, or too large")
+    return given.astype(np.int64)
