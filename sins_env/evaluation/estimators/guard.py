@@ -218,6 +218,11 @@ def _counts(value: Any) -> NDArray[np.int64]:
         ValueError: anything else, also NaN, which NumPy would make a number.
     """
     given = np.asarray(value)
-    if given.dtype.kind == "f" and not (np.abs(given) < 2.0**62).all():
-        raise ValueError("not finite, or too large")
+    if given.dtype.kind not in "biuf":
+        raise ValueError("no real numbers")
+    if given.dtype.kind == "f":
+        with np.errstate(over="ignore"):
+            given = given.astype(np.float64)
+        if not (np.abs(given) < 2.0**62).all():
+            raise ValueError("not finite, or too large")
     return given.astype(np.int64)
