@@ -19,6 +19,7 @@ class Finder:
     def find_spec(self, name, path=None, target=None):
         if name == {name!r}:
             os.kill(os.getpid(), signal.SIGINT)
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may start its children without it
 sys.meta_path.insert(0, Finder())
 from sins_env.cli.main import main
 sys.exit(main(["list", "presets"]))
