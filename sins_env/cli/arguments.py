@@ -12,13 +12,12 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NoReturn
 
-from sins_env.reading.documents import parse_json
+from sins_env.reading.documents import MOST_DIGITS, parse_json
 
 SEEDS = "allowed: a whole number that is not negative"
 
 
 MOST_WORD, MOST_WORDS = 100, 10  #: most characters of a word, and words, that an error repeats
-MOST_DIGITS = 300  #: most digits of a whole number
 
 
 def cut(word: str) -> str:

@@ -40,13 +40,11 @@ F = TypeVar("F", bound=Callable[..., Any])
 KERNELS: list[Kernel] = []  #: every kernel of the modules imported so far
 OFF = "NUMBA_DISABLE_JIT"  #: with this environment variable set to 1, Python runs the bodies of the kernels
 FOLDER = "NUMBA_CACHE_DIR"  #: environment variable with the folder of compiled code; the default is in the user's cache
-_TOLD = (
-    "SINS_ENV_TOLD_CACHE"  # environment variable with the folder that has been warned of, for processes started later
-)
+_TOLD = "SINS_ENV_TOLD_CACHE"  # environment variable with the folder warned of, for processes started later
 _COMPILED = "*/*.nb?"  # files of Numba in the folder of a kernel: indices and code
 _helpers: dict[types.FunctionType, Any] = {}  #: every helper, with its compiled form as soon as there is one
-#: How helpers are compiled; numbers divide as in NumPy.
 _reordered: set[Any] = set()  #: the helpers with sums in any order
+#: How helpers are compiled; numbers divide as in NumPy.
 _OPTIONS: Any = {"nopython": True, "error_model": "numpy", "forceinline": True}
 _DTYPES = {"d": "float64", "q": "int64", "?": "boolean"}
 

@@ -20,10 +20,8 @@ from sins_env.reading.files import opened
 
 MOST_FILE = 2 << 30  #: largest file
 BASE_MEMORY, MEMORY_PER_BYTE = 2 << 30, 64  #: memory of the child, bytes, and what each byte of the file adds
-BASE_S, S_PER_MB = (
-    20,
-    1,
-)  #: CPU time of the child, s, and what each megabyte of the file adds; by the clock ten times that
+#: CPU time of the child, s, and what each megabyte of the file adds; by the clock ten times that.
+BASE_S, S_PER_MB = 20, 1
 
 
 def read_matlab(path: Path) -> tuple[dict[str, Any], dict[str, str]]:

@@ -10,7 +10,7 @@ from sins_env.evaluation.contract.checker import TOLERANCE, Check, Checker
 from sins_env.evaluation.contract.points import results
 from sins_env.evaluation.contract.told import ALIGNMENT, NAVIGATION
 from sins_env.evaluation.estimators import finding, isolation
-from sins_env.evaluation.estimators.child import UNSENDABLE, Child
+from sins_env.evaluation.estimators.child import UNSENDABLE
 from sins_env.evaluation.estimators.guard import EstimatorError
 from sins_env.evaluation.estimators.wire import Answer
 
@@ -71,10 +71,7 @@ def _elsewhere(
     solver: finding.Solver, settings: Mapping[str, Any] | None, tolerance: float, limits: isolation.Limits
 ) -> Iterator[Check]:
     """Yield the same checks from a process of their own, each when it ends."""
-    child, name = (
-        Child(f"{__name__}:Served", getattr(solver, "__module__", "") == "__main__"),
-        finding.solver_name(solver),
-    )
+    child, name = isolation.child_of(solver, f"{__name__}:Served"), finding.solver_name(solver)
     limit_s = limits.first_s  # any call may be the first with arrays of its shape, and so compile
     try:
         child.call("begin", limits.make_s, solver, dict(settings or {}), tolerance)

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from sins_env.evaluation.estimators import wire
 from sins_env.evaluation.estimators.guard import EstimatorError, Unavailable
-from sins_env.evaluation.estimators.processes import CANNOT_START, interrupts_held
+from sins_env.evaluation.estimators.processes import CANNOT_START, THREADS, interrupts_held
 from sins_env.evaluation.estimators.wire import Answer, Layout
 
 START_S = 300.0  #: longest time in which the first interpreter imports its modules, even on a busy machine
@@ -38,9 +38,8 @@ GRACE_S = 1.0  #: time in which the keeper of a process tells how it ended
 END_S = 10.0  #: time in which the keeper ends a process, and whatever that has started
 #: exceptions of pickle for what cannot be sent to another process
 UNSENDABLE = (pickle.PicklingError, AttributeError, TypeError)
-PREFIX = (
-    "SINS_ENV_SOLVER_PREFIX"  #: setting: a command that runs the interpreter of solvers, such as "runuser -u guest --"
-)
+#: Setting: a command that runs the interpreter of solvers, such as "runuser -u guest --".
+PREFIX = "SINS_ENV_SOLVER_PREFIX"
 MEMORY = "SINS_ENV_SOLVER_MEMORY_GB"  #: setting: most address space of a solver's process; "inf" is no limit
 _KEEPER = """
 try:
@@ -66,13 +65,12 @@ class _Starter:
             "-c",
             f"import sys; sys.path[:] = {sys.path!r}{_KEEPER}",
         ]
-        threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "BLIS_NUM_THREADS"), "1")
         with interrupts_held(), there:
             self.process = subprocess.Popen(
                 command,
                 stdin=there.fileno(),
                 stdout=subprocess.DEVNULL,
-                env={**os.environ, **threads},
+                env={**os.environ, **THREADS},
                 start_new_session=True,
             )
         atexit.register(self.close)
@@ -177,9 +175,8 @@ class Child:
             EstimatorError: the process has ended.
         """
         try:
-            return time.clock_gettime(
-                (~self._pid << 3) | 2
-            )  # the clock of another process, as clock_getcpuclockid has it
+            # the clock of another process, as clock_getcpuclockid has it
+            return time.clock_gettime((~self._pid << 3) | 2)
         except OSError as error:
             raise EstimatorError("its process has ended") from error
 
@@ -280,7 +277,7 @@ class Child:
             finally:
                 os.close(errors)
         self._told.settimeout(FORK_S)
-        _, self._pid = wire.END.unpack(_received(self._told, wire.END.size))
+        _, self._pid = wire.END.unpack(wire.exactly(self._told, wire.END.size))
 
     def _call(self, name: str, limit_s: float, *arguments: Any, beats: int = 0) -> Answer:
         request = pickle.dumps((name, arguments))
@@ -373,7 +370,7 @@ class Child:
         if self._told is not None:
             with suppress(OSError, EOFError):
                 self._told.settimeout(GRACE_S)
-                _, code = wire.END.unpack(_received(self._told, wire.END.size))
+                _, code = wire.END.unpack(wire.exactly(self._told, wire.END.size))
         self.close()
         if code is None:
             return "its socket is closed"
@@ -385,21 +382,6 @@ class Child:
 
 class _Garbage(Exception):
     """Answer that is none."""
-
-
-def _received(data: socket.socket, size: int) -> bytes:
-    """Receive so many bytes.
-
-    Raises:
-        EOFError: the other end is closed.
-    """
-    found = data.recv(size) if size else b""
-    while len(found) < size:
-        more = data.recv(size - len(found))
-        if not more:
-            raise EOFError
-        found += more
-    return found
 
 
 def _around(script: bool) -> Mapping[str, Any]:

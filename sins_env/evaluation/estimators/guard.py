@@ -204,11 +204,18 @@ class Guard:
             )
         except Exception as error:
             raise EstimatorError(f"health returned {type(health).__name__} without repairs and failed_at") from error
-        if min(repairs.min(), fallbacks.min(), frozen.min() + 1) < 0:
-            raise EstimatorError(
-                "health returned a negative count; allowed: counts from 0 on, and failed_at from -1 on"
-            )
-        return repairs, fallbacks, frozen
+        return checked_health(repairs, fallbacks, frozen)
+
+
+def checked_health(repairs: NDArray[np.int64], fallbacks: NDArray[np.int64], frozen: NDArray[np.int64]) -> Health:
+    """Return the health of an estimator.
+
+    Raises:
+        EstimatorError: a count that cannot be.
+    """
+    if min(repairs.min(), fallbacks.min(), frozen.min() + 1) < 0:
+        raise EstimatorError("health returned a negative count; allowed: counts from 0 on, and failed_at from -1 on")
+    return repairs, fallbacks, frozen
 
 
 def _counts(value: Any) -> NDArray[np.int64]:

@@ -19,7 +19,16 @@ from sins_env import types
 from sins_env.arrays import Array, Obs
 from sins_env.evaluation.estimators import finding, wire
 from sins_env.evaluation.estimators.child import UNSENDABLE, Child
-from sins_env.evaluation.estimators.guard import Clock, EstimatorError, Guard, Guarded, Health, Refusal, Unavailable
+from sins_env.evaluation.estimators.guard import (
+    Clock,
+    EstimatorError,
+    Guard,
+    Guarded,
+    Health,
+    Refusal,
+    Unavailable,
+    checked_health,
+)
 from sins_env.evaluation.estimators.wire import Answer, Layout
 from sins_env.kernels.warming import ready
 from sins_env.states import answered
@@ -59,6 +68,11 @@ def limits(solver: finding.Solver, timeout_s: float | None = None) -> Limits | N
     if timeout_s is not None:
         return Limits(timeout_s, timeout_s, max(timeout_s, Limits().make_s))
     return Limits() if finding.is_foreign(solver) else None
+
+
+def child_of(solver: finding.Solver, target: str) -> Child:
+    """Return a process for a solver with an object of the class ``target``, ``module:name``; a script may define the solver."""
+    return Child(target, getattr(solver, "__module__", "") == "__main__")
 
 
 class Host(Protocol):
@@ -113,7 +127,7 @@ class Isolated:
 
     def __init__(self, solver: finding.Solver, settings: Mapping[str, Any] | None, limits: Limits) -> None:
         self.solver, self.settings, self.limits = solver, dict(settings or {}), limits
-        self.child = Child(f"{__name__}:Served", getattr(solver, "__module__", "") == "__main__")
+        self.child = child_of(solver, f"{__name__}:Served")
         self.late = 0  #: number of runs in succession that took too long
         self.renew()
 
@@ -192,9 +206,8 @@ class IsolatedGuard:
         self.host, self.num_runs, self.clock = host, num_runs, clock
         self.child = host.child
         self.seconds, self.told_s, self.steps = 0.0, 0.0, 0
-        self.way_s = (
-            0.0  #: time of all steps but the estimator's own, which its process tells: true of own solvers only
-        )
+        #: Time of all steps but the estimator's own, which its process tells: true of own solvers only.
+        self.way_s = 0.0
         self.navigate = False
         self._called: set[str] = set()
         self._obs: list[tuple[str, Any]] = []
@@ -244,11 +257,9 @@ class IsolatedGuard:
 
     def health(self) -> Health:
         self._ask("health")
-        repairs, fallbacks, frozen = np.array(self._answers["health"])
-        if min(repairs.min(), fallbacks.min(), frozen.min() + 1) < 0:
-            raise EstimatorError("health returned a negative count")
+        health = checked_health(*np.array(self._answers["health"]))
         self.host.late = 0
-        return repairs, fallbacks, frozen
+        return health
 
 
 def layout_of(obs: Obs, num_runs: int, navigate: bool) -> Layout:

@@ -26,6 +26,7 @@ from sins_env.evaluation.estimators.processes import control, keep_secrets
 from sins_env.evaluation.estimators.wire import END, ENDED, STARTED, STOPPED
 from sins_env.kernels.compiling import KERNELS
 from sins_env.kernels.warming import compile_all
+from sins_env.writing.visible import visible
 
 MOST_OUTPUT = 16_384  #: most bytes of a solver's output that are passed on
 CUT = b"\n(the solver's further output is left out)\n"
@@ -125,8 +126,7 @@ def _pass_on(text: bytes, errors: int, printed: int) -> int:
     if printed >= MOST_OUTPUT:
         return printed
     kept = text[: MOST_OUTPUT - printed].decode("utf-8", "replace")
-    shown = "".join(c if c.isprintable() or c in "\n\t" else ascii(c)[1:-1] for c in kept)
-    left = shown.encode("utf-8", "replace") + (CUT if printed + len(text) >= MOST_OUTPUT else b"")
+    left = visible(kept, keep="\n\t").encode("utf-8", "replace") + (CUT if printed + len(text) >= MOST_OUTPUT else b"")
     while left and select.select([], [errors], [], 0)[1]:  # a reader that waits does not hold up the keeper
         with suppress(OSError):
             os.write(errors, left[:_PIECE])

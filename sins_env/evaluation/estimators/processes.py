@@ -18,6 +18,9 @@ CANNOT_START = (
     "worker processes cannot start; a script must call evaluate() under if __name__ == '__main__': (or pass workers=1)"
 )
 
+#: Settings of the number of threads of BLAS, which is one, for the environment of a new process.
+THREADS = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "BLIS_NUM_THREADS"), "1")
+
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:

@@ -13,13 +13,12 @@ from collections.abc import Callable, Mapping
 from multiprocessing import spawn
 from typing import Any
 
+from sins_env.evaluation.estimators import wire
 from sins_env.evaluation.estimators.guard import EstimatorError, error_of
+from sins_env.evaluation.estimators.processes import THREADS
 from sins_env.evaluation.estimators.wire import ANSWER, BEAT, DONE, FAILED, REFUSED, REQUEST, Answer, cut, tail
 
 BEAT_S = 0.2  #: least time between two beats
-#: Settings of the number of threads of BLAS, which is one.
-THREADS = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "BLIS_NUM_THREADS")}
-
 _MOST_AT_ONCE = 4096
 
 _beat: Callable[[], None] = lambda: None  # noqa: E731
@@ -51,7 +50,10 @@ def serve(data: socket.socket, memories: int) -> None:
     while request := data.recv(_MOST_AT_ONCE):  # most requests come as one piece
         number, size = REQUEST.unpack_from(request)
         if missing := REQUEST.size + size - len(request):
-            request += _received(data, missing)
+            try:
+                request += wire.exactly(data, missing)
+            except EOFError:  # the evaluation has ended
+                return
         name, answer, kind = "unpickling", Answer(), DONE
         try:
             name, arguments = pickle.loads(memoryview(request)[REQUEST.size :])
@@ -70,14 +72,6 @@ def serve(data: socket.socket, memories: int) -> None:
             os._exit(0)
         first, second = cut(answer.first), tail(answer.second)
         data.sendall(ANSWER.pack(number, kind, answer.value, len(first), len(second)) + first + second)
-
-
-def _received(data: socket.socket, size: int) -> bytes:
-    found = bytearray(size)
-    view = memoryview(found)
-    while view:
-        view = view[data.recv_into(view) or sys.exit() :]
-    return bytes(found)
 
 
 def _begin(memories: int, target: str, around: Mapping[str, Any]) -> Any:

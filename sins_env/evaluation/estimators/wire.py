@@ -78,6 +78,22 @@ def new_memory(layout: Layout) -> int:
     return memory
 
 
+def exactly(data: socket.socket, size: int) -> bytes:
+    """Receive so many bytes.
+
+    Raises:
+        EOFError: the other end is closed.
+    """
+    found = bytearray(size)
+    view = memoryview(found)
+    while view:
+        count = data.recv_into(view)
+        if not count:
+            raise EOFError
+        view = view[count:]
+    return bytes(found)
+
+
 def received(memories: int, layout: Layout) -> dict[str, NDArray[Any]]:
     """Return the arrays of a layout in the next shared memory that comes through a socket, given by its descriptor."""
     with socket.socket(fileno=os.dup(memories)) as come:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,13 @@ from sins_env.evaluation.score import quantities, resampling
 from sins_env.evaluation.score.resampling import LEAST_RUNS, NO_INTERVAL, Estimate, Interval
 from sins_env.evaluation.score.results import Results
 
-_Z = 1.959963984540054  #: quantile of the standard normal distribution for 97.5 %
+
+@cache
+def _quantile() -> float:
+    """Return the quantile of the standard normal distribution at the upper end of the intervals."""
+    from scipy import special  # slow to import
+
+    return float(special.ndtri(resampling.TAILS[1]))
 
 
 @dataclass(frozen=True, repr=False)
@@ -160,7 +167,7 @@ def difference_of_rates(a: Mask, b: Mask) -> Estimate:
     n = len(a)
     only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
     p, q = (only_a + 1) / (n + 2), (only_b + 1) / (n + 2)
-    half = _Z * math.sqrt((p + q - (p - q) ** 2) / (n + 2))
+    half = _quantile() * math.sqrt((p + q - (p - q) ** 2) / (n + 2))
     return (only_a - only_b) / n, (max(p - q - half, -1.0), min(p - q + half, 1.0))
 
 
@@ -171,8 +178,9 @@ def probability_of_less(a: Array, b: Array) -> Estimate:
 
 def proportion(part: float, n: int) -> Estimate:
     """Return a share of n runs with Wilson's score interval."""
-    centre, half = part + _Z**2 / (2 * n), _Z * math.sqrt(part * (1 - part) / n + _Z**2 / (4 * n**2))
-    scale = 1 + _Z**2 / n
+    z = _quantile()
+    centre, half = part + z**2 / (2 * n), z * math.sqrt(part * (1 - part) / n + z**2 / (4 * n**2))
+    scale = 1 + z**2 / n
     return part, (max((centre - half) / scale, 0.0), min((centre + half) / scale, 1.0))
 
 

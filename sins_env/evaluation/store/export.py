@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from sins_env.evaluation.store.key import Key
-from sins_env.evaluation.store.rows import settings_of
+from sins_env.evaluation.store.rows import object_of
 from sins_env.evaluation.store.schema import KEY, SCORES, SPANS, TOLD
 from sins_env.evaluation.store.store import Store
 from sins_env.writing.files import replacing
@@ -95,7 +95,7 @@ def _json(columns: Sequence[_Column], rows: Iterator[tuple[Any, ...]], path: Pat
         file.write("[")
         for count, row in enumerate(rows, start=1):
             values = dict(zip(heads, row, strict=True))
-            values["settings"] = settings_of(values["settings"])
+            values["settings"] = object_of(values["settings"])
             text = json.dumps(in_json(values), allow_nan=False)
             file.write(f"{',' if count > 1 else ''}\n{text}")
         file.write("\n]\n")

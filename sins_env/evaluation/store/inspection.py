@@ -240,7 +240,7 @@ def _inspect_settings(db: sqlite3.Connection) -> None:
         try:
             if not isinstance(settings, str) or len(settings) > MOST_SETTINGS:
                 raise ValueError(f"no text of up to {MOST_SETTINGS:,} characters")
-            rows.settings_of(settings)
+            rows.object_of(settings)
             if hashed != settings_hash(settings):
                 raise ValueError(
                     f"settings_hash is {hashed!r}; allowed: {settings_hash(settings)!r}, as the settings say"

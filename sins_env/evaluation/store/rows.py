@@ -48,11 +48,6 @@ def object_of(text: str) -> dict[str, Any]:
     return given
 
 
-def settings_of(text: str) -> dict[str, Any]:
-    """Return the settings of a solver from their JSON."""
-    return object_of(text)
-
-
 def versions_of(text: str) -> dict[str, str]:
     """Return the versions of a session by package, from their JSON."""
     return {name: _text(name, value) for name, value in object_of(text).items()}
@@ -124,14 +119,21 @@ def criteria_json(criteria: Criteria) -> str:
     return json.dumps({n: v.tolist() if isinstance(v, np.ndarray) else v for n, v in vars(criteria).items()})
 
 
-def criteria_change(before: Criteria, now: Criteria) -> str:
-    """Return the first of the criteria that differs, with both values; empty if all are equal but for rounding."""
+def changed(before: T, now: T, tolerance: float) -> str:
+    """Return the name of the first field of numbers that differs by more than a relative tolerance; empty if none does."""
     for name, held in vars(before).items():
         value = getattr(now, name)
-        if np.shape(held) != np.shape(value) or not np.allclose(held, value, rtol=1e-9, atol=0.0):
-            held, value = (one.tolist() if isinstance(one, np.ndarray) else one for one in (held, value))
-            return f"{name} = {held} stored, {value} now"
+        if np.shape(held) != np.shape(value) or not np.allclose(held, value, rtol=tolerance, atol=0.0):
+            return name
     return ""
+
+
+def criteria_change(before: Criteria, now: Criteria) -> str:
+    """Return the first of the criteria that differs, with both values; empty if all are equal but for rounding."""
+    name = changed(before, now, 1e-9)
+    held, value = (getattr(one, name, None) for one in (before, now))
+    held, value = (one.tolist() if isinstance(one, np.ndarray) else one for one in (held, value))
+    return name and f"{name} = {held} stored, {value} now"
 
 
 def criteria_of(text: str) -> Criteria:

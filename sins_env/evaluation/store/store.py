@@ -36,9 +36,9 @@ from sins_env.evaluation.store.rows import (
     criteria_of,
     definition_json,
     definition_of,
+    object_of,
     parted,
     scores_of,
-    settings_of,
     to_blob,
     to_records,
     to_row,
@@ -228,7 +228,7 @@ class Store(Database):
             known |= {} if spans is None else parted(_array(spans, SPAN_COLUMNS)[:, 1:], SPANS)
             records = to_records([row[0] for row in numbers], odd, known, criteria, blobs)
         task, bound = self._task(key.task)
-        settings = visible_parts(settings_of(key.settings))
+        settings = visible_parts(object_of(key.settings))
         return Results(task, visible(key.solver), settings, visible(key.suite), records, self._cost(key), bound)
 
     def _read(

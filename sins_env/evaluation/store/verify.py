@@ -26,7 +26,7 @@ from sins_env.evaluation.play.fields import NEES_PARTS, Field
 from sins_env.evaluation.play.records import FIELDS, Records
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.store.key import Key
-from sins_env.evaluation.store.rows import binding, criteria_change, definition_json
+from sins_env.evaluation.store.rows import binding, changed, criteria_change, definition_json
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks.catalogue import TASKS
 from sins_env.evaluation.tasks.fingerprint import digest
@@ -121,11 +121,8 @@ def _yardsticks(stored: Results, now: Results) -> Iterator[str]:
         if before is not bound:
             yield f"its bound has changed, {before} stored, {bound} now"
         return
-    for name, held in vars(before).items():
-        value = getattr(bound, name)
-        if held.shape != value.shape or not np.allclose(held, value, rtol=BOUND_TOLERANCE, atol=0.0):
-            yield f"its bound has changed in {name}, {before} stored, {bound} now"
-            return
+    if name := changed(before, bound, BOUND_TOLERANCE):
+        yield f"its bound has changed in {name}, {before} stored, {bound} now"
 
 
 def may_run(solver: str, trusted: Collection[str] = ()) -> bool:

@@ -19,7 +19,7 @@ from solvers.pipeline import feedback, switch_on
 from solvers.pipeline.aiding.gps import Gps, noise_law
 from solvers.pipeline.bank import regimes, start
 from solvers.pipeline.bank.models import Models, propagate
-from solvers.pipeline.bank.slices import Frame, Slices, join, normalised, sum_by_run
+from solvers.pipeline.bank.slices import Frame, Slices, join, normalised, replaced, sum_by_run
 from solvers.pipeline.errors.invariant import Invariant, Seen
 from solvers.pipeline.errors.model import Parameter
 from solvers.pipeline.errors.navigation import NavigationErrors, slope
@@ -42,7 +42,7 @@ class Episode:
         fix_factors: Sequence[float],
         fix_offsets: bool,
     ) -> None:
-        self.task, self._runs, self._k = task, num_runs, 0
+        self.task, self._k = task, 0
         self._single = False  # until the first observation tells it
         self._spacing = math.radians(spacing_deg)
         model, site = earth.get(task.site.earth), task.site.pos
@@ -141,7 +141,7 @@ class Episode:
     def _predict(self, s: Slices, motion: EpochMotion, before: NavState) -> Slices:
         """Mix the models, and take them through the epoch of the INS."""
         a, b = self._coordinates.at(before), self._coordinates.at(s.ins.nav)
-        F = b.multiplied(a.divided(slope(motion, self._errors.states)))
+        F = b.growth(a, slope(motion, self._errors.states))
         mixed = self._models.mix(s.weight, s.x, s.regimes, self._chain, self._offset)
         gyro = b.spread_noise(self._Q_gyro)  # the noise of the accelerometers stays as it is
         x = propagate(mixed.x, F, gyro, self._Q_accel, self._models.noise, self._frame.moving)
@@ -185,7 +185,7 @@ class Episode:
             runs = np.flatnonzero(view.top >= 0)
             at = NavState(*(part[view.top[runs]] for part in s.ins.nav))
             nav = self._coordinates.corrected(self._frame.mean(s, view, self._runs)[runs], at)
-            self._nav = NavState(*(_replaced(old, runs, new) for old, new in zip(self._nav, nav, strict=True)))
+            self._nav = replaced(self._nav, runs, nav)
         answer = np.concatenate(self._nav, axis=-1) if self.task.navigate else self._nav.q_nb.copy()
         return answer[0] if self._single else answer
 
@@ -241,9 +241,3 @@ def _rows(obs: Observation, run: NDArray[np.int64]) -> Observation:
     if len(run) == len(obs["dtheta"]) and (run[1:] > run[:-1]).all():
         return obs  # one slice in each run
     return cast(Observation, {name: np.asarray(value)[run] for name, value in obs.items()})
-
-
-def _replaced(old: Array, at: NDArray[np.int64], new: Array) -> Array:
-    out = old.copy()
-    out[at] = new
-    return out

@@ -83,12 +83,8 @@ def update(x: Gaussian, nu: Array, H: Array, R: Array, p: Array, factors: Array,
         told: factors of R under the told law.
     """
     whiten = inverse_lower(cholesky(R)[0])
-    return Update(*_grouped(_update(x.mean, x.cov, nu, H, whiten, p, factors, told.factors, told.weights)))
-
-
-def _grouped(parts: tuple[Array, ...]) -> tuple[Gaussian, Array, Array]:
-    mean, cov, log_likelihood, regimes = parts
-    return Gaussian(mean, cov), log_likelihood, regimes
+    mean, cov, log_likelihood, after = _update(x.mean, x.cov, nu, H, whiten, p, factors, told.factors, told.weights)
+    return Update(Gaussian(mean, cov), log_likelihood, after)
 
 
 @kernel("(n),(n,n),(m),(m,n),(m,m),(c),(c),(f),(f)->(n),(n,n),(),(c)")

@@ -10,7 +10,7 @@ is d + J_r(d)^-1 xi_j to first order in xi_j. Equations: docs/mathematics/filter
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,11 +50,11 @@ class Slices(NamedTuple):
 
     def take(self, index: NDArray[Any]) -> Slices:
         """Return the slices at ``index`` (K,), or those of a mask (N,)."""
-        return Slices(*(_taken(part, index) for part in self))
+        return cast(Slices, _taken(self, index))
 
     def put(self, index: NDArray[Any], other: Slices) -> Slices:
         """Return these slices with those at ``index`` replaced by ``other``, which has as many."""
-        return Slices(*(_put(a, index, b) for a, b in zip(self, other, strict=True)))
+        return cast(Slices, replaced(self, index, other))
 
 
 def _taken(part: Any, index: NDArray[Any]) -> Any:
@@ -65,11 +65,12 @@ def _taken(part: Any, index: NDArray[Any]) -> Any:
     return part[index]
 
 
-def _put(a: Any, index: NDArray[Any], b: Any) -> Any:
+def replaced(a: Any, index: NDArray[Any], b: Any) -> Any:
+    """Return the arrays ``a`` with the rows ``b`` at ``index``; a tuple of arrays, or of such tuples, part by part."""
     if a is None:
         return None
     if isinstance(a, tuple):
-        return type(a)(*(_put(one, index, two) for one, two in zip(a, b, strict=True)))
+        return type(a)(*(replaced(one, index, two) for one, two in zip(a, b, strict=True)))
     out = a.copy()
     out[index] = b
     return out

@@ -71,9 +71,8 @@ class Invariant(Euler):
 
     def __init__(self, model: Earth, site_pos: Array, states: Layout) -> None:
         self._model, self._site, self._states = model, np.asarray(site_pos), states
-        self._recent: tuple[
-            tuple[NavState, Chart], ...
-        ] = ()  # of the last two states, which an epoch asks for repeatedly
+        # of the last two states, which an epoch asks for repeatedly
+        self._recent: tuple[tuple[NavState, Chart], ...] = ()
 
     def at(self, nav: NavState) -> Chart:
         """Return the change of coordinates at a state of the INS."""
@@ -169,7 +168,7 @@ class Growth(Tangent):
 
     @cached_property
     def at_zero(self) -> tuple[Array, Array]:
-        F = self.after.multiplied(self.before.divided(self.g.slope()))
+        F = self.after.growth(self.before, self.g.slope())
         return np.zeros(F.shape[:-1]), F
 
 
@@ -247,6 +246,10 @@ class Chart:
     def multiplied(self, F: Array) -> Array:
         """Return D F (..., n, m) for F (..., n, m), with the slope D of these coordinates."""
         return np.asarray(group.multiplied(F, self.held))
+
+    def growth(self, before: Chart, F: Array) -> Array:
+        """Return the Jacobian (..., n, n) of xi over an epoch, for that of the errors, F, from the coordinates ``before`` on."""
+        return self.multiplied(before.divided(F))
 
     def spread_noise(self, Q: Array) -> Array:
         """Return D Q D' (..., n, n) for symmetric Q (..., n, n)."""
