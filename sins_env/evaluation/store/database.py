@@ -51,9 +51,10 @@ class Database:
     def _check(self, read_only: bool) -> None:
         """Check and migrate the schema of an existing file; create that of a new one in one transaction."""
         db = self.connection
-        (version,) = db.execute("PRAGMA user_version").fetchone()
-        (application,) = db.execute("PRAGMA application_id").fetchone()
-        empty = db.execute("SELECT count(*) FROM sqlite_master").fetchone() == (0,)
+        facts = "user_version, application_id FROM pragma_user_version, pragma_application_id"
+        # in one statement, because another process may be making the file
+        objects, version, application = db.execute(f"SELECT (SELECT count(*) FROM sqlite_master), {facts}").fetchone()
+        empty = not objects
         if not empty and application != APPLICATION_ID:
             raise StoreError(f"{self.path}: a SQLite file, but not a results file of sins-env")
         old = not empty and version in MIGRATIONS
@@ -81,9 +82,23 @@ class Database:
 
     def _inspect(self) -> None:
         try:
-            inspection.inspect(self.connection)
+            with self._snapshot():
+                inspection.inspect(self.connection)
         except ValueError as error:
             raise StoreError(f"{self.path}: {error}") from error
+
+    @contextmanager
+    def _snapshot(self) -> Iterator[None]:
+        """Read everything in the context from one state of the file, whatever others write meanwhile."""
+        if self.connection.in_transaction:
+            yield
+            return
+        self.connection.execute("BEGIN")
+        try:
+            yield
+        finally:
+            if self.connection.in_transaction:  # an error of SQLite may have ended it
+                self.connection.execute("ROLLBACK")
 
     def _migrate(self) -> bool:
         """Migrate the tables to the present schema, step by step; return whether they were older."""
@@ -164,10 +179,13 @@ def _refuse_foreign_journal(path: Path) -> None:
     journal = path.resolve().with_name(f"{path.resolve().name}-journal")
     if not journal.is_file():
         return
-    with open(journal, "rb") as file:
-        file.seek(max(journal.stat().st_size - len(_NAMES_A_FILE), 0))
-        if file.read() != _NAMES_A_FILE:
-            return
+    try:
+        with open(journal, "rb") as file:
+            file.seek(max(os.fstat(file.fileno()).st_size - len(_NAMES_A_FILE), 0))
+            if file.read() != _NAMES_A_FILE:
+                return
+    except FileNotFoundError:  # another process has ended its transaction
+        return
     raise StoreError(f"{journal}: names another file, as no journal of sins-env does; remove it to open {path.name}")
 
 
