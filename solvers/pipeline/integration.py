@@ -15,7 +15,7 @@ import numpy as np
 from sins_env import earth
 from sins_env.arrays import Array, Mask
 from sins_env.prior import Prior
-from sins_env.states import ERRORS, answered
+from sins_env.states import ERRORS, Layout, answered
 from sins_env.types import NavState, Observation, Rng, Task
 from solvers.filters.base import choose, mixed
 from solvers.filters.brief import changed
@@ -27,7 +27,7 @@ from solvers.pipeline.errors.invariant import Euler, Invariant
 from solvers.pipeline.errors.model import ErrorModel
 from solvers.pipeline.settings import Settings
 from solvers.pipeline.strapdown import Strapdown, StrapdownState, carried_sample
-from solvers.types import Filter, Health
+from solvers.types import Filter, Gaussian, Health
 
 
 class Integration(ABC):
@@ -120,15 +120,36 @@ class Integration(ABC):
         """Return what the filter knows beside its estimate, by name; nothing in the coarse phase."""
         return {} if self.belief is None else self.filter.diagnostics(self.belief)
 
+    @property
+    def states(self) -> Layout:
+        """The states of the filter by name, in their own units; known after ``reset``."""
+        return self._errors.states
+
+    @property
+    def begun(self) -> Mask:
+        """Whether each run (...) has begun; one that starts at switch-on waits for its first fix."""
+        return ~self._waiting
+
+    def solution(self, x: Gaussian, nav: NavState) -> tuple[NavState, Array, Array]:
+        """Return what an estimate of the filter makes of a state of the INS, for any axes in front.
+
+        These are the corrected state, the errors (..., n) taken from it, and the covariance (..., n, n) of the errors left.
+        Both have the units of ``states``.
+        """
+        errors, P = self._coordinates.gaussian(x, nav)
+        J = reset.reset_maps(errors, self._phi, self._fed)[1](errors)
+        return self._errors.corrected(self._earth, nav, errors), errors, J @ P @ J.mT
+
     @abstractmethod
     def answer(self, nav: NavState) -> Array:
         """Return the action for a corrected state."""
 
     def _begin(self, batch: tuple[int, ...]) -> None:
         self._batch, start = batch, self.task.start
-        if start is None and not self.task.coarse_s:
-            self._waiting = np.ones(batch, dtype=bool)
-        elif start is None:
+        self._waiting = np.full(batch, start is None and not self.task.coarse_s)
+        if self._waiting.any():
+            return
+        if start is None:
             assert self.settings.coarse is not None
             self._coarse = coarse_methods.start(self.settings.coarse, self.task, batch)
         else:

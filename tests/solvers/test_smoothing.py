@@ -8,7 +8,7 @@ from oracles.problems import linear, look, run_of, spd, swing
 
 from solvers.filters import FILTERS, make_filter
 from solvers.filters.gaussian import GaussianFilter
-from solvers.smoothing import fixed_lag, smooth
+from solvers.smoothing import Recorder, fixed_lag, smooth
 from solvers.types import Gaussian, Linear, Measurement, Transition
 
 PLAIN = [("kf", {}), ("ekf", {}), ("ukf", {}), ("ckf", {}), ("ckf5", {}), ("hinf_ukf", {"gamma2": np.inf})]
@@ -350,3 +350,67 @@ def test_the_smoothed_noise_is_what_moves_the_smoothed_state(name, settings, dri
     got = smooth(make_filter(name, **settings), Gaussian(p.x, p.P), steps)
     moved = (p.F @ got.mean[:-1, ..., None])[..., 0] + p.c
     np.testing.assert_allclose(got.mean[1:], moved + got.noise.mean, rtol=0, atol=1e-7 * np.abs(got.mean).max())
+
+
+class InNewOrigins:
+    """A linear problem whose state moves after each fix, x = M y + o, with fixes of which a part may be missing."""
+
+    def __init__(self, p, z, R):
+        self.p, self.z, self.R = p, z, R
+        n = p.x.shape[-1]
+        self.M, self.o = np.broadcast_to(np.eye(n), p.F.shape), np.zeros_like(p.x)
+        self.B = 1.1 * np.linalg.qr(np.random.default_rng(2).standard_normal((n, n)))[0]
+        self.origins = []
+
+    def play(self, recorder):
+        p = self.p
+        b = recorder.init(Gaussian(p.x, p.P))
+        for z, R in zip(self.z, self.R, strict=True):
+            to = np.linalg.inv(self.M)
+            f = Linear(to @ p.F @ self.M, (to @ (p.F @ self.o[..., None] + (p.c - self.o)[..., None]))[..., 0])
+            h = Linear(p.H @ self.M, (p.H @ self.o[..., None])[..., 0] + p.d)
+            b, _ = recorder.step(b, Transition(f, to @ p.Q @ to.mT), None if z is None else Measurement(z, h, R))
+            if z is not None:
+                b = self.reset(recorder, b)
+            self.origins.append((self.M, self.o))
+        return recorder.estimate(b)
+
+    def reset(self, recorder, b):
+        found, B = recorder.estimate(b).mean, self.B
+        after = recorder.relocate(
+            b, Linear(B, -(B @ found[..., None])[..., 0]), lambda x: np.broadcast_to(B, self.M.shape)
+        )
+        self.o = (self.M @ found[..., None])[..., 0] + self.o
+        self.M = self.M @ np.linalg.inv(B)
+        return after
+
+
+def test_a_closed_loop_is_the_posterior_of_the_whole_trajectory():
+    """Moves after every fix, epochs without a fix, and fixes of which the second component is missing."""
+    p = linear(22, 4, 2, batch=(2,), steps=20)
+    partly = [k % 3 == 1 for k in range(20)]
+    R = [p.R * np.diag([1.0, 0.0]) + np.diag([0.0, 1e15]) if short else p.R for short in partly]
+    moved, recorder = InNewOrigins(p, p.z, R), Recorder(make_filter("kf"))
+    last = moved.play(recorder)
+    got = [last, *(x for x, _ in recorder.backward(last))][-2::-1]  # of the states 1 to T
+    for i in range(2):
+        x, P, F, c, Q, H, d, _, z = run_of(p, i)
+        A, b = np.zeros((84, 84)), np.zeros(84)  # information of x_0 ... x_20
+
+        def add(where, J, r, S, A=A, b=b):
+            W = np.linalg.inv(S)
+            A[where, where] += J.T @ W @ J
+            b[where] += J.T @ W @ r
+
+        add(slice(0, 4), np.eye(4), x, P)
+        for k in range(20):
+            add(slice(4 * k, 4 * k + 8), np.hstack([-F, np.eye(4)]), c, Q)
+            if z[k] is not None:
+                seen = 1 if partly[k] else 2
+                add(slice(4 * k + 4, 4 * k + 8), H[:seen], (z[k] - d)[:seen], p.R[i, :seen, :seen])
+        cov = np.linalg.inv(A)
+        mean = cov @ b
+        for k, ((M, o), y) in enumerate(zip(moved.origins, got, strict=True), start=1):
+            a = slice(4 * k, 4 * k + 4)
+            np.testing.assert_allclose(M[i] @ y.mean[i] + o[i], mean[a], atol=1e-8)
+            np.testing.assert_allclose(M[i] @ y.cov[i] @ M[i].T, cov[a, a], atol=1e-8)
