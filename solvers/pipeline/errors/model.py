@@ -17,7 +17,6 @@ from typing import ClassVar
 import numpy as np
 from scipy import linalg
 
-from sins_env import attitude
 from sins_env.arrays import Array
 from sins_env.earth import Earth
 from sins_env.prior import Prior
@@ -29,67 +28,6 @@ from solvers.types import Gaussian, Transition
 
 ACCEL_UNIT = 1e-3 * G0  #: m/s^2 in one unit of nabla
 GYRO_UNIT = DEG_PER_H  #: rad/s in one unit of eps
-
-total = np.add.reduce
-
-
-def front(a: Array, axes: int = 1, ndim: int | None = None) -> Array:
-    """Move the last ``axes`` axes to the front, and add an axis for points: (*batch, 3) -> (3, *batch, 1).
-
-    ``ndim`` is the number of batch axes, for an ``a`` that may be shared by all runs.
-    """
-    n = a.ndim - axes
-    moved = a.transpose(*range(n, a.ndim), *range(n))
-    missing = 0 if ndim is None else ndim - n
-    return moved.reshape(*moved.shape[:axes], *(1,) * missing, *moved.shape[axes:], 1)
-
-
-def turn_euler(phi: Array, r: Array, s: Array, c: Array, out: Array) -> None:
-    """Write phi + C_w^-1 r into ``out`` (3, ...), with C_w of docs/mathematics/frames.md#misalignment.
-
-    ``s`` and ``c`` are the sine and cosine of phi.
-    """
-    k = (c[1] * r[2] - s[1] * r[0]) / c[0]
-    out[0] = phi[0] + c[1] * r[0] + s[1] * r[2]
-    out[1] = phi[1] + r[1] - s[0] * k
-    out[2] = phi[2] + k
-
-
-class EpochMap(ABC):
-    """The map from errors x to those after the epoch, for (*batch, n) and, with sigma points, (*batch, points, n).
-
-    Inside, components are in front, because NumPy is fast on planes over runs and points. ``C`` turns the biases into n.
-    """
-
-    def __init__(self, motion: EpochMotion, C: Array) -> None:
-        h = motion.dt
-        self._ndim = batch = motion.dvel_n.ndim - 1
-        C = front(h * C, 2, batch)
-        self.accel, self.gyro = ACCEL_UNIT * C, GYRO_UNIT * C
-        self.force = front(motion.dvel_n)
-        self.turn = front(h * (motion.rate_ie + motion.rate_en))
-        self._tilt = front(-0.5 * attitude.skew(motion.dvel_n), 2)  # r -> r x force / 2
-        self.transport = front(h * motion.transport, 2, batch)[:, :2]  # the vertical velocity causes no rotation
-
-    @abstractmethod
-    def advance(self, X: Array) -> Array:
-        """Return the errors (n, *batch, points) after the epoch."""
-
-    def __call__(self, x: Array) -> Array:
-        if x.ndim == self._ndim + 1:
-            return self(x[..., None, :])[..., 0, :]
-        n = x.ndim - 1
-        out = self.advance(np.ascontiguousarray(x.transpose(n, *range(n))))
-        return np.ascontiguousarray(out.transpose(*range(1, n + 1), 0))
-
-    def rotation(self, C: Array, w: Array, eps: Array) -> Array:
-        """Return r (3, ...) in rad, the rotation of c against n in the epoch, if n turns by ``w`` (3, ...)."""
-        return self.turn - total(C * w, axis=1) - total(self.gyro * eps, axis=1)
-
-    def turned_force(self, rows: Array, r: Array) -> Array:
-        """Return (C_mid - C)' f for the columns of C in ``rows`` (3, k, ...), with nabla neglected beside f."""
-        change: Array = total(rows * total(self._tilt * r, axis=1)[:, None], axis=0)
-        return change
 
 
 @dataclass(frozen=True)

@@ -21,16 +21,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sins_env import attitude, earth
+from sins_env import earth
 from sins_env.arrays import Array
 from sins_env.earth import FREE_AIR, Earth
 from sins_env.kernels import kernel
-from sins_env.kernels.algebra import add, add_skew, cross3, scale, vector
+from sins_env.kernels.algebra import (
+    add,
+    add_skew,
+    cross3,
+    matrix,
+    misaligned,
+    mix,
+    scale,
+    sincos3,
+    subtract,
+    transpose,
+    turn,
+    unturned,
+    vector,
+)
 from sins_env.prior import Prior
 from sins_env.states import ERRORS, Block, Layout
 from sins_env.types import NavState
 from solvers.pipeline import feedback
-from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT, EpochMap, ErrorModel, front, total, turn_euler
+from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT, ErrorModel
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Transition
 
@@ -45,74 +59,85 @@ WITHOUT_POSITION = STATES.without("dp")
 PHI, DV, DP = (STATES[name] for name in ("phi", "dv", "dp"))
 
 
-class NavigationMap(EpochMap):
-    """The map of fifteen errors, or of twelve without position, and of the parameters of aids."""
+@kernel("(p,e),(3,3),(3),(3),(3),(3),(3,3),(),(),()->(p,e)", "ddddddddd?d")
+def _advance(
+    x: Array, mean_C: Array, dvel_n: Array, vel: Array, rate_ie: Array, rate_en: Array, transport: Array,
+    gravity_slope: float, h: float, position: bool, out: Array,
+) -> None:  # fmt: skip
+    points, n = x.shape
+    changing = 9 if position else 6  # the states behind them are constant
+    X = np.zeros((15, points))  # components in rows, which makes vector code; without position dp stays zero
+    for j in range(changing):
+        for i in range(points):
+            X[j, i] = x[i, j]
+    for j in range(6):
+        for i in range(points):
+            X[9 + j, i] = x[i, changing + j]
+    force, speed, C_hat = vector(dvel_n), vector(vel), matrix(mean_C)
+    T = mix(h, matrix(transport), 0.0, C_hat)
+    accel, gyro = mix(h * ACCEL_UNIT, C_hat, 0.0, T), mix(h * GYRO_UNIT, C_hat, 0.0, T)
+    turning = scale(h, add(vector(rate_ie), vector(rate_en)))
+    coriolis = scale(h, add(scale(2.0, vector(rate_ie)), vector(rate_en)))
+    middle = 0.5 * h if position else 0.0
+    # what a position error of a metre changes: omega_ie, gravity, and, by the earth's curvature, omega_en and dp
+    E, N = transport[1, 0], -transport[0, 1]  # 1 / (R_N + h), 1 / (R_M + h)
+    tan = transport[2, 0] / E
+    ie_N, ie_U, gravity_N = -h * N * rate_ie[2], h * N * rate_ie[1], -h * N * gravity_slope
+    scale_E, scale_N = h * (speed[2] * E - speed[1] * N * tan), h * speed[2] * N  # of dp as the INS moves
+    for i in range(points):
+        phi, dv = (X[0, i], X[1, i], X[2, i]), (X[3, i], X[4, i], X[5, i])
+        eps, nabla = (X[9, i], X[10, i], X[11, i]), (X[12, i], X[13, i], X[14, i])
+        s, c = sincos3(phi)
+        C = misaligned(s, c)
+        back = transpose(C)
+        # (I - C') f + C' C_hat nabla, C at the start
+        gain = subtract(force, turn(back, subtract(force, turn(accel, nabla))))
+        v = add(dv, scale(0.5, gain))  # mid-epoch
+        p_E, p_N, p_U = X[6, i] + middle * dv[0], X[7, i] + middle * dv[1], X[8, i] + middle * dv[2]
+        true = subtract(speed, v)
+        east, north = h * E * true[0], h * N * true[1]  # angles flown
+        drop, lead = E * p_U, tan * N * p_N
+        d_en = turn(T, v)
+        d_en = add(d_en, (north * N * p_U, -east * drop, east * ((1.0 + tan * tan) * N * p_N - tan * drop)))
+        d_ie = 0.0, ie_N * p_N, ie_U * p_N
+        w = subtract(turning, add(d_en, d_ie))
+        r = subtract(subtract(turning, turn(C, w)), turn(gyro, eps))  # rotation of c against n in the epoch
+        change = scale(0.5, cross3(r, force))  # (C_mid - C)' f, with nabla neglected beside f
+        gain = subtract(gain, turn(back, change))
+        gain = subtract(gain, add(cross3(coriolis, v), cross3(add(d_en, scale(2.0, d_ie)), true)))
+        gain = add(gain, (0.0, 0.0, gravity_N * p_N + h * FREE_AIR * p_U))
+        X[0, i], X[1, i], X[2, i] = add(phi, unturned(s, c, r))
+        X[3, i], X[4, i], X[5, i] = add(dv, gain)
+        X[6, i] += h * (dv[0] + 0.5 * gain[0]) + scale_E * p_E + east * (lead / E - p_U)
+        X[7, i] += h * (dv[1] + 0.5 * gain[1]) + scale_N * p_N - north * p_U
+        X[8, i] += h * (dv[2] + 0.5 * gain[2])
+    for j in range(changing):
+        for i in range(points):
+            out[i, j] = X[j, i]
+    for j in range(changing, n):
+        for i in range(points):
+            out[i, j] = x[i, j]
+
+
+class NavigationMap:
+    """The map from errors x to those after the epoch, for (*batch, n) and, with sigma points, (*batch, points, n).
+
+    The errors are fifteen, or twelve without position. The parameters of aids, which follow them, are constant.
+    """
+
+    temporaries = 0  #: number of arrays of the size of x that a call makes beside its result
 
     def __init__(self, motion: EpochMotion, states: Layout) -> None:
-        super().__init__(motion, motion.C)
-        self._motion, self._states = motion, states
-        self._h, self._position = motion.dt, "dp" in states
-        self._eps, self._nabla = states["gyro_bias"], states["accel_bias"]
-        self._coriolis = front(motion.dt * (2 * motion.rate_ie + motion.rate_en))
-        self._vel = front(motion.vel)
-        if self._position:
-            self._place(motion)
+        self._ndim, self._motion, self._states = motion.dvel_n.ndim, motion, states
 
-    def _place(self, motion: EpochMotion) -> None:
-        """Set what a position error of a metre changes: omega_ie, gravity, and, by the earth's curvature, omega_en and dp."""
-        h, vN, vU = motion.dt, self._vel[1], self._vel[2]
-        T = front(motion.transport, 2, self._ndim)
-        self._curve = E, N = np.stack([T[1, 0], -T[0, 1]])  # 1 / (R_N + h), 1 / (R_M + h)
-        self._tan = tan = T[2, 0] / E
-        rate_ie = front(motion.rate_ie, 1, self._ndim)
-        self._ie = h * N * np.stack([-rate_ie[2], rate_ie[1]])
-        self._gravity_north = -h * N * front(motion.gravity_slope[..., None], 1, self._ndim)[0]
-        self._scale = h * np.stack([vU * E - vN * N * tan, vU * N])  # change of scale of dp as the INS moves
-
-    def advance(self, X: Array) -> Array:
-        phi, dv, eps, nabla = X[PHI], X[DV], X[self._eps], X[self._nabla]
-        C, s, c = attitude.misalignment_rows(phi)
-        u = self.force - total(self.accel * nabla, axis=1)
-        gain = self.force - total(C * u[:, None], axis=0)  # (I - C') f + C' C_hat nabla, C at the start
-        v = dv + 0.5 * gain  # mid-epoch
-        d_in = total(self.transport * v[:2], axis=1)
-        d_coriolis, true = d_in, self._vel - v
-        out = np.empty(X.shape)
-        if self._position:
-            p = X[DP] + 0.5 * self._h * dv
-            turn, shift = self._curved(true, p)
-            d_ie = self._ie * p[1]
-            d_in += turn
-            d_coriolis = d_in.copy()
-            d_in[1:] += d_ie
-            d_coriolis[1:] += 2 * d_ie
-            gain[2] += self._gravity_north * p[1] + (self._h * earth.FREE_AIR) * p[2]
-        r = self.rotation(C, self.turn - d_in, eps)
-        turn_euler(phi, r, s, c, out=out[PHI])
-        gain -= self.turned_force(C, r)
-        gain -= attitude.cross_planes(self._coriolis, v)
-        gain -= attitude.cross_planes(d_coriolis, true)
-        np.add(dv, gain, out=out[DV])
-        if self._position:
-            np.add(X[DP], self._h * (dv + 0.5 * gain), out=out[DP])
-            out[DP][:2] += shift
-        constant = slice(self._eps.start, None)  # biases, and parameters of aids
-        out[constant] = X[constant]
+    def __call__(self, x: Array) -> Array:
+        if x.ndim == self._ndim:
+            return self(x[..., None, :])[..., 0, :]
+        m = self._motion
+        out: Array = _advance(
+            x, m.C, m.dvel_n, m.vel, m.rate_ie, m.rate_en, m.transport, m.gravity_slope, m.dt, "dp" in self._states
+        )
         return out
-
-    def _curved(self, v: Array, p: Array) -> tuple[Array, Array]:
-        """Return the changes by a position error p: of the rotation omega_en of the epoch (3, ...), and of dp (2, ...)."""
-        E, N = self._curve
-        east, north = (self._h * self._curve) * v[:2]  # angles flown
-        drop, lead = E * p[2], self._tan * N * p[1]
-        turn = np.empty(v.shape)
-        turn[0] = north * N * p[2]
-        turn[1] = -east * drop
-        turn[2] = east * ((1.0 + self._tan * self._tan) * N * p[1] - self._tan * drop)
-        shift = self._scale * p[:2]
-        shift[0] += east * (lead / E - p[2])
-        shift[1] -= north * p[2]
-        return turn, shift
 
     def slope(self) -> Array:
         """Return the Jacobian (..., n, n) of the map at zero errors."""
@@ -120,7 +145,7 @@ class NavigationMap(EpochMap):
 
 
 def slope(m: EpochMotion, states: Layout) -> Array:
-    """Return the Jacobian (..., n, n) of the map of an epoch at zero errors: ``NavigationMap.advance`` to first order."""
+    """Return the Jacobian (..., n, n) of the map of an epoch at zero errors: ``_advance`` to first order."""
     F: Array = _slope(
         m.C, m.dvel_n, m.vel, m.rate_ie, m.rate_en, m.transport, m.gravity_slope, m.dt, "dp" in states, states.si
     )
