@@ -233,6 +233,13 @@ def unturned(s: Vector, c: Vector, r: Vector) -> Vector:
 
 
 @helper
+def unturned_columns(s: Vector, c: Vector, M: Matrix) -> Matrix:
+    """Return C_w^-1 M, with the sines and cosines of phi."""
+    x, y, z = unturned(s, c, (M[0], M[3], M[6])), unturned(s, c, (M[1], M[4], M[7])), unturned(s, c, (M[2], M[5], M[8]))
+    return x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]
+
+
+@helper
 def wrap(angle: Any) -> Any:
     """Wrap an angle, or an array of them, to [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

@@ -26,7 +26,7 @@ from sins_env.kernels.algebra import (
     sincos3,
     transpose,
     turn,
-    unturned,
+    unturned_columns,
     vector,
 )
 from solvers.types import Function
@@ -81,11 +81,7 @@ def slope(phi: Vector, phi_hat: Vector) -> Matrix:
     s, c = sincos3(phi)
     s_hat, c_hat = sincos3(phi_hat)
     s_left, c_left = sincos3(rest(phi, phi_hat))
-    M = product(transpose(misaligned(s_hat, c_hat)), rate_matrix(s, c))
-    x = unturned(s_left, c_left, (M[0], M[3], M[6]))
-    y = unturned(s_left, c_left, (M[1], M[4], M[7]))
-    z = unturned(s_left, c_left, (M[2], M[5], M[8]))
-    return x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]
+    return unturned_columns(s_left, c_left, product(transpose(misaligned(s_hat, c_hat)), rate_matrix(s, c)))
 
 
 def reset_maps(x_hat: Array, phi: slice, fed: slice) -> tuple[Function, Function]:

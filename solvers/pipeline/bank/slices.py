@@ -21,7 +21,7 @@ from sins_env.earth import Earth
 from solvers.blocks.conditioning import nis
 from solvers.blocks.mixtures import collapse
 from solvers.pipeline.bank.models import carried
-from solvers.pipeline.errors.group import right_jacobian
+from solvers.pipeline.errors.group_slopes import right_jacobian
 from solvers.pipeline.errors.invariant import Invariant
 from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT
 from solvers.pipeline.errors.navigation import NavigationErrors

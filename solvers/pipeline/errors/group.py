@@ -17,21 +17,17 @@ from sins_env.kernels.algebra import (
     cross3,
     dot,
     from_rotvec,
-    mix,
     multiply,
     normalize,
-    product,
     put_quaternion,
     put_row,
     quaternion,
     row,
     scale,
-    skewed,
     subtract,
     vector,
 )
 from sins_env.kernels.trigonometry import sincos
-from sins_env.states import Layout
 
 SMALL = 1e-4  #: squared angle below which series are used
 
@@ -101,54 +97,6 @@ def logarithm(x: Array, held: Array, xi: Array) -> None:
         value = row(held, i)
         eta = subtract(value, turned(theta, subtract(value, part(x, i)), -a1, a2))
         put_part(turned(theta, eta, 0.5, half), xi, i)
-
-
-def right_jacobian(xi: Array, states: Layout) -> Array:
-    """Return J (..., n, n) with Exp(xi + d) = Exp(xi) Exp(J d) to first order in d (..., n); biases have the identity.
-
-    J is the sum of A^k / (k + 1)! with A = [theta x, 0; xi_v x, theta x], and the same for a position. A^5 is a combination
-    of A and A^3, so four terms are enough. Source: Barfoot & Furgale (2014), doi:10.1109/TRO.2014.2298059.
-    """
-    J: Array = _right_jacobian(xi, 2 if "dp" in states else 1)
-    return J
-
-
-@kernel("(n),()->(n,n)", "dqd")
-def _right_jacobian(xi: Array, rows: int, J: Array) -> None:
-    n = len(xi)
-    for i in range(n):
-        for j in range(n):
-            J[i, j] = 1.0 if i == j else 0.0
-    theta = vector(xi)
-    t2 = dot(theta, theta)
-    if t2 != t2:
-        J[0, 0] = math.nan
-        return
-    c1, c2, c3, c4 = 1 / 2, 1 / 6, 1 / 24, 1 / 120  # of A, A^2, A^3, A^4
-    if t2 >= SMALL:
-        t = math.sqrt(t2)
-        s, c = sincos(t)
-        c1 = (4.0 - t * s - 4.0 * c) / (2.0 * t2)
-        c2 = (4.0 * t - 5.0 * s + t * c) / (2.0 * t2 * t)
-        c3 = (2.0 - t * s - 2.0 * c) / (2.0 * t2 * t2)
-        c4 = (2.0 * t - 3.0 * s + t * c) / (2.0 * t2 * t2 * t)
-    T = skewed(theta)
-    T2 = product(T, T)
-    turn = mix(c1 - t2 * c3, T, c2 - t2 * c4, T2)  # T^3 = -t^2 T
-    for block in range(rows + 1):
-        for i in range(3):
-            for j in range(3):
-                J[3 * block + i, 3 * block + j] += turn[3 * i + j]
-    for block in range(1, rows + 1):
-        V = skewed((xi[3 * block], xi[3 * block + 1], xi[3 * block + 2]))
-        TV, VT = product(T, V), product(V, T)
-        TVT, TTVT, TVTT = product(TV, T), product(T2, VT), product(TV, T2)
-        third = mix(1.0, mix(1.0, product(T2, V), 1.0, product(V, T2)), 1.0, TVT)
-        fourth = mix(1.0, mix(-t2, TV, -t2, VT), 1.0, mix(1.0, TTVT, 1.0, TVTT))
-        below = mix(1.0, mix(c1, V, c2, mix(1.0, TV, 1.0, VT)), 1.0, mix(c3, third, c4, fourth))
-        for i in range(3):
-            for j in range(3):
-                J[3 * block + i, j] = below[3 * i + j]
 
 
 @kernel("(4),(h,3),(n)->(4),(h,3)")

@@ -27,7 +27,8 @@ from sins_env.states import Layout
 from sins_env.types import NavState
 from solvers.blocks.mixtures import spread, widen
 from solvers.blocks.moments import tangent
-from solvers.pipeline.errors import group
+from solvers.pipeline.errors import group, group_slopes
+from solvers.pipeline.errors.group_slopes import right_jacobian
 from solvers.pipeline.errors.navigation import NavigationMap
 from solvers.types import Function, Gaussian, Measurement, Transition
 
@@ -109,8 +110,9 @@ class Invariant(Euler):
 
     def gaussian(self, xi: Gaussian, nav: NavState) -> Gaussian:
         chart = self.at(nav)
-        J = chart.errors_slope(xi.mean)
-        return Gaussian(chart.errors(xi.mean), J @ xi.cov @ J.mT)
+        x = chart.errors(xi.mean)
+        J = chart.errors_slope(xi.mean, x)
+        return Gaussian(x, J @ xi.cov @ J.mT)
 
     def reset(self, maps: Maps, before: NavState, after: NavState) -> Maps:
         """Return the reset xi -> log(Exp(-xi_hat) Exp(xi)) and its Jacobian."""
@@ -134,8 +136,8 @@ class Through:
         """Return the Jacobian (..., m, n) at xi (..., n)."""
         x = self.before.errors(xi)
         y, J = tangent(self.before.spread(self.g), x, np.full_like(x, SCALE))
-        J = J @ self.before.errors_slope(xi)
-        return J if self.after is None else self.after.invariant_slope(y) @ J
+        J = J @ self.before.errors_slope(xi, x)
+        return J if self.after is None else self.after.invariant_slope(self.after.invariant(y), y) @ J
 
 
 class Tangent(Through, ABC):
@@ -196,10 +198,10 @@ class Reset(Through):
 
     def jacobian(self, xi: Array) -> Array:
         left = self(xi)
-        J, away = group.right_jacobian(xi, self._states), _away(left)
+        J, away = right_jacobian(xi, self._states), _away(left)
         if not away.any():
             return J
-        return np.where(away[..., None, None], np.linalg.solve(group.right_jacobian(left, self._states), J), J)
+        return np.where(away[..., None, None], np.linalg.solve(right_jacobian(left, self._states), J), J)
 
 
 class Chart:
@@ -227,13 +229,13 @@ class Chart:
         """Return xi (..., n) for x (..., n)."""
         return np.asarray(group.logarithm(x, self._held(x)))
 
-    def errors_slope(self, xi: Array) -> Array:
-        """Return d x / d xi (..., n, n), in closed form at zero, where a closed loop keeps the errors."""
-        return self._slope(self.errors, xi, 2.0 * np.eye(self._size) - self.slope())  # (I + N)^-1 = I - N
+    def errors_slope(self, xi: Array, x: Array) -> Array:
+        """Return d x / d xi (..., n, n) at xi (..., n) and its errors x (..., n)."""
+        return np.asarray(group_slopes.errors_slope(xi, x, self._held(x)))
 
-    def invariant_slope(self, x: Array) -> Array:
-        """Return d xi / d x (..., n, n)."""
-        return self._slope(self.invariant, x, self.slope())
+    def invariant_slope(self, xi: Array, x: Array) -> Array:
+        """Return d xi / d x (..., n, n) at xi (..., n) and its errors x (..., n)."""
+        return np.asarray(group_slopes.logarithm_slope(xi, x, self._held(x)))
 
     def slope(self) -> Array:
         """Return d xi / d x at zero (..., n, n)."""
@@ -258,18 +260,6 @@ class Chart:
     def divided(self, F: Array) -> Array:
         """Return F D^-1 (..., m, n) for F (..., m, n), with the slope D of these coordinates."""
         return np.asarray(group.divided(F, self.held))
-
-    def _slope(self, g: Function, x: Array, at_zero: Array) -> Array:
-        """Return the Jacobian (..., n, n) of g at x; runs with a negligible x get ``at_zero``."""
-        away = _away(x)
-        if x.ndim == at_zero.ndim:  # components of a mixture
-            at_zero = widen(at_zero)
-        if not away.any():
-            return at_zero
-        J = np.broadcast_to(np.eye(x.shape[-1]), (*x.shape, x.shape[-1])).copy()
-        changes = slice(self._rows[-1].stop)
-        J[..., changes, changes] = tangent(g, x[..., changes], np.full_like(x[..., changes], SCALE))[1]
-        return np.where(away[..., None, None], J, at_zero)
 
     def _held(self, x: Array) -> Array:
         """Return the vectors for points or components x (..., n), with axes of one for these."""

@@ -10,7 +10,7 @@ from solvers.blocks.moments import tangent
 from solvers.filters import make_filter
 from solvers.pipeline import feedback, strapdown
 from solvers.pipeline.aiding.gps import Fix
-from solvers.pipeline.errors.group import right_jacobian
+from solvers.pipeline.errors.group_slopes import right_jacobian
 from solvers.pipeline.errors.invariant import Chart, Invariant
 from solvers.pipeline.errors.model import Parameter
 from solvers.pipeline.errors.navigation import DP, DV, PHI, STATES, WITHOUT_POSITION, NavigationErrors
@@ -77,6 +77,22 @@ def test_slope_at_zero():
     np.testing.assert_allclose(chart.slope(), J, atol=1e-5)
     _, back = tangent(chart.errors, np.zeros((4, 15)), np.zeros((4, 15)))
     np.testing.assert_allclose(chart.slope() @ back, np.broadcast_to(np.eye(15), J.shape), atol=1e-7)
+
+
+@pytest.mark.parametrize("size", [1e-9, 0.02, 1.0])
+@pytest.mark.parametrize("shape", [(4,), (4, 3)])
+def test_slopes_at_any_errors(size, shape):
+    """In closed form, against central differences of the maps; each is the inverse of the other."""
+    chart = Chart(HELD, STATES)
+    x = size * SCALE * RNG.standard_normal((*shape, 15))
+    xi = chart.invariant(x)
+    for g, at, slope in ((chart.errors, xi, chart.errors_slope), (chart.invariant, x, chart.invariant_slope)):
+        J = slope(xi, x)
+        np.testing.assert_allclose(J, differences(g, at, np.full(15, 1e-6)), rtol=1e-7, atol=1e-7 * np.abs(J).max())
+    np.testing.assert_allclose(J @ chart.errors_slope(xi, x), np.broadcast_to(np.eye(15), J.shape), atol=1e-11)
+    twelve = np.delete(np.arange(15), DP)
+    short = Chart(HELD[:, :1], WITHOUT_POSITION).invariant_slope(xi[..., twelve], x[..., twelve])
+    np.testing.assert_array_equal(short, J[..., twelve, :][..., twelve])
 
 
 def flat(C, force, vel, h=0.5):
