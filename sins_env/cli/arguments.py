@@ -96,6 +96,17 @@ def seed(text: str) -> int:
     return int(text)
 
 
+def executor(text: str) -> str:
+    """Return the name of an executor, or the address of a Dask scheduler."""
+    from sins_env.evaluation.play.executors import check_executor  # a start without one does not need it
+
+    try:
+        check_executor(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
+
+
 def positive(text: str) -> float:
     """Return a positive, finite number."""
     try:

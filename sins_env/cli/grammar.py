@@ -9,7 +9,7 @@ import argparse
 from collections.abc import Callable
 
 from sins_env import __version__
-from sins_env.cli.arguments import Parser, count, number, positive, seed, setting, several
+from sins_env.cli.arguments import Parser, count, executor, number, positive, seed, setting, several
 from sins_env.recordings import FORMATS
 
 DEFAULT_DB = "results.sqlite"
@@ -99,7 +99,8 @@ def _play(verb: Verb) -> None:
     several(sub, "--task", required=True, help="names (sins-env list shows them)")
     several(sub, "--solver", required=True, help=_SOLVER)
     sub.add_argument("--runs", type=count, default=100, metavar="N", help="default 100; a recording has its windows")
-    sub.add_argument("--executor", default="processes", metavar="NAME", help="processes (default) or dask")
+    text = "processes (default), dask, or tcp://HOST:PORT: a Dask scheduler that runs elsewhere (docs/scale.md)"
+    sub.add_argument("--executor", type=executor, default="processes", metavar="NAME", help=text)
     _add_workers(sub)
     sub.add_argument("--chunk", type=count, metavar="N", help="runs per batch (default 64 to 256)")
     sub.add_argument("--resume", action="store_true", help="keep the runs that are there, make those that are missing")

@@ -41,8 +41,9 @@ def evaluate(
         runs: number of runs, or their numbers, which begin with 0.
         seed: seed of the suite; None takes that of the task. The hash of a secret seed may be published.
         settings: settings of the solver.
-        executor: None or "processes" for worker processes, "dask", or any ``concurrent.futures.Executor``, which is left
-            open (for Dask: ``Client.get_executor()``).
+        executor: None or "processes" for worker processes, "dask" for a Dask cluster on this machine,
+            "tcp://HOST:PORT" for the one of a scheduler that runs elsewhere, or any ``concurrent.futures.Executor``,
+            which is left open (for Dask: ``Client.get_executor()``).
         workers: number of processes; None takes one per core, 1 stays in this process. Results do not depend on it.
         chunk: runs per batch, by default 64 to 256. Other sizes change results by rounding only (1e-9).
         epoch_timeout_s: longest time of one call of the solver, whatever the number of runs. A batch that takes longer
@@ -56,7 +57,7 @@ def evaluate(
 
     Raises:
         ValueError, FileNotFoundError: names, settings or numbers that do not fit; nothing has run then.
-        RuntimeError: worker processes cannot start.
+        RuntimeError: worker processes cannot start, or (ClusterError) a cluster elsewhere fails.
     """
     task = get_task(task)
     wanted = run_numbers(runs)

@@ -7,8 +7,9 @@ from argparse import Namespace
 import numpy as np
 from rich.console import Console
 
-from sins_env.cli.output import check_plot, remark, save_figure
+from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
 from sins_env.evaluation.estimators import isolation
+from sins_env.evaluation.play.cluster import ClusterError
 from sins_env.evaluation.play.executors import check_executor
 from sins_env.evaluation.show import error_figure, terminal_tables
 from sins_env.evaluation.store.filling import Evaluation, fill
@@ -36,11 +37,12 @@ def evaluate(given: Namespace, console: Console) -> int:
 
     Raises:
         ValueError: an unknown name, or runs that the file has already without ``--resume``.
+        RunFailed: a cluster elsewhere that fails; what it has done is kept.
     """
     check_plot(given.plot)
+    check_executor(given.executor, given.workers)
     pairs, settings = _pairs(given), dict(given.set)
     canonical(settings)
-    check_executor(given.executor)
     with Store(given.db) as store:
         wanted = [
             Evaluation.of(task, solver, settings, range(min(given.runs, task.max_runs or given.runs)), given.seed)
@@ -54,17 +56,20 @@ def evaluate(given: Namespace, console: Console) -> int:
                 f"{given.db} holds {len(store.runs_of(present.key))} runs of {present.solver} on {present.task.name} already; "
                 "they are kept: --resume adds what is missing, --db FILE begins another file"
             )
-        fill(
-            store,
-            wanted,
-            given.seed,
-            timed=wanted,
-            executor=given.executor,
-            workers=given.workers,
-            chunk=given.chunk,
-            epoch_timeout_s=given.timeout,
-            resume="--resume continues",
-        )
+        try:
+            fill(
+                store,
+                wanted,
+                given.seed,
+                timed=wanted,
+                executor=given.executor,
+                workers=given.workers,
+                chunk=given.chunk,
+                epoch_timeout_s=given.timeout,
+                resume="--resume continues",
+            )
+        except ClusterError as error:
+            raise RunFailed(str(error)) from error
         results = [store.results(one.key, range(given.runs)) for one in wanted]
     terminal_tables.print_tables(results, console)
     if given.plot:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from importlib import metadata
 from pathlib import Path
 
 from sins_env import __version__
@@ -18,6 +19,20 @@ APART = ("cli", "evaluation", "writing")
 SCORING = ("tasks", "estimators", "play", "bound")
 #: Folder of the tasks. Each is compared by its definition and digest, so that a new task leaves the rows of others valid.
 DEFINITIONS = "evaluation/tasks/suite"
+
+#: Packages that compute, so that a score may depend on their versions.
+COMPUTING = ("numpy", "scipy", "numba")
+
+
+def packages(names: Iterable[str]) -> dict[str, str]:
+    """Return the versions of Python and of these packages; "not installed" for one that is not there."""
+    out = {"python": sys.version.split()[0]}
+    for name in names:
+        try:
+            out[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            out[name] = "not installed"
+    return out
 
 
 def code_version(solver: finding.Solver) -> str:

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from sins_env.evaluation.estimators import version
+from sins_env.evaluation.play.cluster import ClusterError
 from sins_env.evaluation.play.executors import runner
 from sins_env.evaluation.play.job import Job
 from sins_env.evaluation.play.progress import Bar
@@ -65,7 +66,7 @@ def fill(
         seed: seed of the suite; None takes that of each task.
         timed: evaluations whose cost is measured after all runs, unless the file has it. It is not measured if a run was
             lost, because such a solver ends the process it is in.
-        executor: "processes" or "dask".
+        executor: "processes", "dask", or the address of a Dask scheduler that runs elsewhere.
         workers: number of processes; None takes one per core.
         chunk: runs per batch.
         epoch_timeout_s: longest time of one call of a solver, s; None is no limit.
@@ -73,6 +74,7 @@ def fill(
 
     Raises:
         KeyboardInterrupt: Ctrl-C; the message tells how many runs the file has.
+        ClusterError: a cluster elsewhere that fails; the message tells that, too.
     """
 
     def job(one: Evaluation, runs: tuple[int, ...]) -> Job:
@@ -96,10 +98,10 @@ def fill(
                     bar.update(note=f"cost of {one.solver}")
                     if cost := cost_of(job(one, one.runs[:1]), where):
                         store.add_cost(one.key, cost)
-    except KeyboardInterrupt as error:
+    except (KeyboardInterrupt, ClusterError) as error:
         there = sum(len(one.runs) - len(one.missing(store)) for one in wanted)
         what = f"{there} of {sum(len(one.runs) for one in wanted)} runs are in {store.path}"
-        raise KeyboardInterrupt(f"interrupted: {what}; {resume}") from error
+        raise type(error)(f"{error if isinstance(error, ClusterError) else 'interrupted'}: {what}; {resume}") from error
 
 
 def _cost_missing(store: Store, one: Evaluation) -> bool:

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import json
 import platform
-import sys
 from collections.abc import Container, Iterator, Sequence
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -20,6 +18,7 @@ import numpy as np
 from sins_env.arrays import Array
 from sins_env.evaluation.bound import bounds
 from sins_env.evaluation.bound.bounds import Bound
+from sins_env.evaluation.estimators import version
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.score.results import Results
@@ -51,6 +50,8 @@ from sins_env.evaluation.tasks.fingerprint import digest
 from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.writing.visible import LAYOUT, visible, visible_fields, visible_parts
 
+#: Packages whose versions a session keeps.
+PACKAGES = ("sins-env", *version.COMPUTING, "gymnasium", "filterpy")
 _OF_KEY = " AND ".join(f"{name} = ?" for name in KEY[:-1])
 _TEXTS = columns_of(one for one in TOLD if one.kind == "text")
 _WITH_SPANS = "runs LEFT JOIN spans USING (id)"
@@ -185,7 +186,7 @@ class Store(Database):
     def _of_session(self) -> int:
         if self._session is None:
             sql = "INSERT INTO sessions (versions, machine) VALUES (?, ?)"
-            self._session = self.connection.execute(sql, (json.dumps(_versions()), _machine())).lastrowid
+            self._session = self.connection.execute(sql, (json.dumps(version.packages(PACKAGES)), _machine())).lastrowid
         assert self._session is not None
         return self._session
 
@@ -288,17 +289,6 @@ def _shortened(column: str) -> str:
 def _array(rows: Sequence[tuple[Any, ...]], columns: Sequence[str]) -> Array:
     """Return rows as an array (R, 1 + columns); NULL becomes NaN."""
     return np.array(rows, dtype=float).reshape(len(rows), 1 + len(columns))
-
-
-def _versions() -> dict[str, str]:
-    names = ("sins-env", "numpy", "scipy", "gymnasium", "filterpy")
-    out = {"python": sys.version.split()[0]}
-    for name in names:
-        try:
-            out[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            out[name] = "not installed"
-    return out
 
 
 def _machine() -> str:

@@ -1,8 +1,6 @@
 """Any executor gives the same table: Dask on a real cluster of two processes, threads and processes of the user's own."""
 
 import os
-import signal
-import time
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
@@ -14,7 +12,7 @@ from evaluation.test_monte_carlo import HERE, assert_same, run
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from sins_env.evaluation import evaluate
-from sins_env.evaluation.play.executors import dask_client
+from sins_env.evaluation.play.cluster import dask_client
 from sins_env.evaluation.show.plain_tables import as_csv
 
 WAIT_S = 120.0
@@ -59,28 +57,6 @@ def test_dask_gives_the_same_table(short, dask, healthy):
 def test_dask_workers_have_one_blas_thread(short, client, dask):
     assert len(client.run(os.getpid)) == 2
     assert list(run(short, "CountsThreads", 4, chunk=1, executor=dask).records.status) == ["ok"] * 4
-
-
-def test_a_dask_worker_killed_in_the_middle(short, dask, healthy, tmp_path):
-    """kill -9 from outside while two chunks are being played: both are there in the end, as if nothing had been."""
-    future = _in_thread(
-        run, short, "TellsWhere", chunk=2, executor=dask, settings={"folder": str(tmp_path), "seconds": 0.005}
-    )
-    deadline = time.monotonic() + WAIT_S
-    while not list(tmp_path.iterdir()):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    os.kill(int(next(tmp_path.iterdir()).name), signal.SIGKILL)
-    found = future.result(WAIT_S * 2)
-    assert_same(found.records, healthy)
-    assert len(list(tmp_path.iterdir())) >= 2  # the killed one and others
-
-
-def _in_thread(function, *args, **settings):
-    with_one = ThreadPoolExecutor(1)
-    future = with_one.submit(function, *args, **settings)
-    with_one.shutdown(wait=False)
-    return future
 
 
 def test_a_chunk_that_kills_every_dask_worker(short, dask, healthy, start_of):
@@ -141,13 +117,13 @@ class Scripted(ThreadPoolExecutor):
         super().__init__(1)
         self.once, self.always, self.asked, self.others = once, always, [], []
 
-    def submit(self, function, job, attempt, parent):
+    def submit(self, function, job, attempt):
         self.asked.append((job.runs, attempt, sum(not other.done() for other in self.others)))
         if set(job.runs) & ({*self.always, *self.once} if attempt == 1 else {*self.always}):
             future = Future()
             future.set_exception(BrokenProcessPool("gone"))
         else:
-            future = super().submit(function, job, attempt, parent)
+            future = super().submit(function, job, attempt)
         self.others.append(future)
         return future
 
@@ -176,7 +152,9 @@ def test_a_job_that_was_cancelled_behind_our_back(short):
 
 def test_no_executor(short):
     for bad in (3, object(), ThreadPoolExecutor):
-        with pytest.raises(ValueError, match=r"allowed: 'processes', 'dask', or a concurrent.futures.Executor"):
+        with pytest.raises(
+            ValueError, match=r"allowed: 'processes', 'dask', 'tcp://HOST:PORT', or a concurrent.futures.Executor"
+        ):
             run(short, "DeadReckoning", 2, executor=bad)
 
 
