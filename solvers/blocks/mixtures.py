@@ -20,11 +20,22 @@ from solvers.types import Function, Gaussian, Linear, Measurement, Transition
 LOG_FLOOR = -700.0  #: smallest log weight, relative to the largest; its exponential is still a normal number
 
 
+@kernel("(g)->()")
+def summed(terms: Array, total: Array) -> None:
+    """Return the sum (...) over the components (..., G), term by term: components of weight zero behind change no bits.
+
+    NumPy adds eight terms at a time, so its rounding depends on how many components other runs of the batch have.
+    """
+    total[0] = 0.0
+    for g in range(len(terms)):
+        total[0] += terms[g]
+
+
 def normalise(log_weights: Array) -> tuple[Array, Array]:
     """Return weights (..., G) that sum to one, and the log (...) of the sum that they had."""
     top = log_weights.max(axis=-1, keepdims=True)
     weights = np.exp(np.maximum(log_weights - top, LOG_FLOOR))
-    total = weights.sum(axis=-1, keepdims=True)
+    total = summed(weights)[..., None]
     return weights / total, (top + np.log(total))[..., 0]
 
 
@@ -60,13 +71,13 @@ def merge(weights: Array, x: Gaussian) -> tuple[Array, Gaussian]:
 
     Equation 000 (3.5.21) with no. 39 of docs/mathematics/errata.md corrected.
     """
-    total = weights.sum(axis=-1)
+    total = summed(weights)
     return total, collapse(weights / total[..., None], x)
 
 
 def effective(weights: Array) -> Array:
     """Return the effective number of components (...), which is 1 / sum of squared weights."""
-    number: Array = 1.0 / np.square(weights).sum(axis=-1)
+    number: Array = 1.0 / summed(np.square(weights))
     return number
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env.arrays import Array
+from solvers.blocks.mixtures import summed
 from solvers.types import Function, Linear
 
 TURN = 2.0 * math.pi  #: rad, a full turn
@@ -61,8 +62,8 @@ def slices(variance: Array, spacing: float, most: int) -> tuple[Array, Array, Ar
     weight = np.exp(-scale * offset**2)
     wound = np.exp(-scale * (TURN - np.abs(offset)) ** 2)  # the tail that comes from the other side of the circle
     weight = np.where(j < number, np.where(number > 1.0, weight + whole[..., None] * wound, 1.0), 0.0)
-    weight /= weight.sum(axis=-1, keepdims=True)
-    carried = (weight * offset**2).sum(axis=-1, keepdims=True)
+    weight /= summed(weight)[..., None]
+    carried = summed(weight * offset**2)[..., None]
     stretch = np.sqrt(np.divide(rest, carried, out=np.ones(rest.shape), where=(carried > 0.0) & ~whole[..., None]))
     offset = np.where(weight > 0.0, stretch * offset, 0.0)
     return offset, weight, np.where(number[..., 0] > 1.0, half[..., 0] ** 2, variance)

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from sins_env.arrays import Array
 from sins_env.checks import choice, keep, number, refused, whole
 from solvers.blocks.conditioning import nis
-from solvers.blocks.mixtures import collapse, merge
+from solvers.blocks.mixtures import collapse, merge, summed
 from solvers.blocks.moments import Linearized
 from solvers.filters.mixtures.angles import TURN, least_known_angle, slices
 from solvers.filters.mixtures.base import MixtureFilter, initial_mixture
@@ -144,7 +144,7 @@ class GSFEKF(MixtureFilter[Bank]):
         near |= top
         weight, one = merge(np.where(near, b.weights, 0.0), Gaussian(best.mean[..., None, :] + apart, b.cov))
         weights = np.where(top, weight[..., None], np.where(active & ~near, b.weights, 0.0))
-        weights = np.where(well, weights / weights.sum(axis=-1, keepdims=True), weights)
+        weights = np.where(well, weights / summed(weights)[..., None], weights)
         keep = weights > 0.0
         order = np.argsort(~keep, axis=-1, kind="stable")[..., : max(int(keep.sum(axis=-1).max()), 1)]
         from_best = (top | ~keep)[..., None]
