@@ -52,22 +52,22 @@ class ChunkedWorld(ABC):
     """A world that computes its epochs in chunks, so that memory does not grow with the duration."""
 
     task: Task
-    _first: int
+    first_epoch: int  #: number of epochs before those of the last chunk
     _end: int
 
     def epoch(self, k: int) -> EpochData:
         """Return epoch k; epochs 1 ... K are asked for in order."""
         if k > self._end:
-            self._first = self._end
-            self._end = min(self._first + max(1, CHUNK_SAMPLES // self.task.n_sub), self.task.num_epochs)
-            self._measured, self._state = self._chunk(self._first, self._end - self._first)
-        i = k - 1 - self._first
+            self.first_epoch = self._end
+            self._end = min(self.first_epoch + max(1, CHUNK_SAMPLES // self.task.n_sub), self.task.num_epochs)
+            self._measured, self._state = self._chunk(self.first_epoch, self._end - self.first_epoch)
+        i = k - 1 - self.first_epoch
         dtheta, dvel, gps_vel, gps_pos, gps_valid = (part[:, i] for part in self._measured)
         truth = NavState(*(part[:, i] for part in self._state))
         return EpochData(dtheta, dvel, gps_vel, gps_pos, gps_valid, truth)
 
     def _rewind(self) -> None:
-        self._first = self._end = 0
+        self.first_epoch = self._end = 0
 
     @abstractmethod
     def _chunk(self, first: int, count: int) -> tuple[tuple[Any, ...], NavState]:

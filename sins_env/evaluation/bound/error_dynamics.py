@@ -136,7 +136,7 @@ class ErrorDynamics:
         blocks = [kind.block for kind in kinds]
         self.full = CORE.plus(*blocks)
         self.states = self.full if self.travels else AT_REST.plus(*blocks)
-        self.n, self._kept = self.states.size, self.full.places(self.states)
+        self.n, self.kept = self.states.size, self.full.places(self.states)
         self.biases = [(self.full[kind.name], kind) for kind in kinds]
         std, drive = np.zeros((2, self.full.size))
         known = world.settings.start == "told"
@@ -147,9 +147,9 @@ class ErrorDynamics:
         for states, kind in self.biases:
             std[states] = kind.std
             drive[states] = 2 * kind.std**2 / kind.time_constant_s
-        self._shown = FIX.places(self.states.only(*(name for name in FIX.names if name in self.states)))
-        self.P0, self._drive = np.diag(std[self._kept] ** 2), drive
-        self.R = fix_noise(gps)[np.ix_(self._shown, self._shown)]
+        self.shown = FIX.places(self.states.only(*(name for name in FIX.names if name in self.states)))
+        self.P0, self._drive = np.diag(std[self.kept] ** 2), drive
+        self.R = fix_noise(gps)[np.ix_(self.shown, self.shown)]
         self.scored = self.states.places(answered(self.travels))  #: indices of phi, or phi, velocity and position
 
     def noise(self, truth: Truth, F: Array) -> Array:
@@ -159,7 +159,7 @@ class ErrorDynamics:
         for states, wave in ((DV, self.script.accel_wave), (PHI, self.script.gyro_wave)):
             if wave:
                 drive[:, states] *= wave.rms(truth.first, count, self.epoch_s)[:, None] ** 2
-        D = drive[:, self._kept, None] * np.eye(self.n)
+        D = drive[:, self.kept, None] * np.eye(self.n)
         return 0.5 * self.epoch_s * (D + F @ D @ F.mT)
 
     def transitions(self, truth: Truth) -> Array:
@@ -177,7 +177,7 @@ class ErrorDynamics:
             A[..., states, states] = -np.eye(3) / kind.time_constant_s
         if self.travels:
             self._add_position(A, truth)
-        A = A[..., self._kept[:, None], self._kept] * self.epoch_s
+        A = A[..., self.kept[:, None], self.kept] * self.epoch_s
         A2 = A @ A
         F: Array = np.eye(self.n) + A + A2 / 2 + A2 @ A / 6
         return F
@@ -212,4 +212,4 @@ class ErrorDynamics:
             for states, kind in self.biases:
                 if kind.gyro:
                     H[..., vel, states] = -(C @ skew(self.lever))
-        return H[..., self._shown[:, None], self._kept]
+        return H[..., self.shown[:, None], self.kept]

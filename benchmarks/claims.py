@@ -1,0 +1,212 @@
+"""What is said of gsf_imm, held against runs that were not used to develop it.
+
+    python benchmarks/claims.py --seed 9001             every claim on one suite seed
+    python benchmarks/claims.py --seed 9001 white jump  some claims
+    python benchmarks/claims.py --part 0.1              with a tenth of the runs, to see that it works
+
+A claim names a task, a rival and the largest ratio of their scores: at the point, and at the upper end of the interval. A rival
+that is told the truth or spared a disturbance plays a twin of the task with the same runs. Errors are capped at the threshold of
+alignment, ratios have intervals by sign flips, and ratios to the bound are adjusted by the oracle's luck. The exit code is 1 if a
+claim does not hold.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from sins_env.evaluation import evaluate
+from sins_env.evaluation.bound import oracle
+from sins_env.evaluation.play.progress import Bar
+from sins_env.evaluation.score import exact, losses
+from sins_env.evaluation.score.quantities import run_errors
+from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.tasks.catalogue import get_task
+from sins_env.evaluation.tasks.task import EvaluationTask
+from sins_env.units import DEG
+
+SOLVER = "gsf_imm"
+HONEST_NEES = (0.8, 1.25)  #: NEES over its expectation at the end, for a prior that is right
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One claim: the solver on ``task`` against ``rival``, who plays with ``spared`` settings of the environment."""
+
+    task: str
+    runs: int
+    rival: str = ""
+    spared: Mapping[str, Any] = field(default_factory=dict)
+    score: str = "azimuth"
+    at_point: float = math.inf  #: largest ratio
+    at_end: float = math.inf  #: largest upper end of its interval
+    honest: bool = True  #: whether the told prior is right, so that the NEES can be judged
+    all_align: bool = False  #: whether no run may fail
+    median_deg: float = math.inf  #: largest median of the heading error at the end
+    over_bound: float = math.inf  #: largest ratio of the score to its bound
+
+
+RIGHT_GPS = {"vel_std_mps": 0.01, "rate_hz": 10}
+CLAIMS = {
+    "white": Claim("sway-white-v0", 200, "two_pass", at_point=1.02, at_end=1.03),
+    "jump": Claim("sway-jump-v0", 200, "two_pass", {"gps": "thesis"}, at_point=1.02, at_end=1.04, all_align=True),
+    "told-wrong": Claim(
+        "sway-told-wrong-v0", 200, "two_pass", {"prior": "matched"}, at_point=1.03, at_end=1.07, honest=False
+    ),
+    "markov": Claim("sway-markov-v0", 200, "two_pass", at_point=1.05, at_end=1.08),
+    "scratch": Claim("sway-scratch-v0", 200, "coarse_oba", at_point=1.0),
+    "anyheading": Claim("sway-anyheading-v0", 200, "gsf_ekf", at_point=1.02, at_end=1.04),
+    "heavytail": Claim("sway-heavytail-v0", 200, "imm_ekf", all_align=True),
+    "contaminated": Claim("sway-contaminated-v0", 200, "gm_ekf"),
+    "static8": Claim("static8-v0", 100, "coarse_analytic3", at_point=1.05),
+    "vehicle": Claim("vehicle-v0", 30, "coarse_inertial", at_point=1.05, honest=False),
+    "mixture": Claim("flight-lu-mixture-v0", 100, "gm_ekf", score="position", over_bound=1.03),
+    "lu-gauss": Claim("flight-lu-gauss-v0", 100, "inekf", score="position"),
+    "zhao": Claim("flight-zhao2010-v0", 100, "inekf", score="position", honest=False),
+    "sun": Claim("flight-sun2012-v0", 40, "inekf"),
+    "sun-physical": Claim("flight-sun2012-physical-v0", 40, "inekf"),
+    "sun-fixed": Claim("flight-sun2012-fixed-v0", 40, "inekf", honest=False),
+    "hotstart30": Claim("flight-hotstart30-v0", 100, all_align=True, median_deg=0.11),
+    "hotstart60": Claim("flight-hotstart60-v0", 100, all_align=True, median_deg=0.11),
+    "hotstart90": Claim("flight-hotstart90-v0", 100, all_align=True, median_deg=0.11),
+}
+
+
+def twin(task: EvaluationTask, spared: Mapping[str, Any]) -> EvaluationTask:
+    """Return the task with other settings and the same run seeds."""
+    if not spared:
+        return task
+    return dataclasses.replace(
+        task, name=f"{task.name}-spared", kwargs={**task.kwargs, **spared}, seeds_of=task.seeds_of or task.name
+    )
+
+
+def cap_of(task: EvaluationTask, results: Results, score: str) -> float:
+    """Return the error at which losses are capped, SI: the threshold of alignment, or three times the bound of a position."""
+    if score == "azimuth":
+        return task.fail_azimuth_deg * DEG if task.fail_azimuth_deg else task.delta_azimuth_deg * DEG
+    return 3.0 * results.bound_means[score]
+
+
+def check(claim: Claim, runs: int, seed: int, bar: Bar) -> dict[str, Any]:
+    """Play a claim, and return what was found."""
+    task = get_task(claim.task)
+    begin = time.perf_counter()
+
+    def played(task: EvaluationTask, solver: str) -> Results:
+        return evaluate(task, solver, runs, seed, cost=False, progress=lambda done, total: bar.update(done, total))
+
+    mine = played(task, SOLVER)
+    cap = cap_of(task, mine, claim.score)
+    errors, final = run_errors(mine.records, claim.score)
+    loss = losses.capped(errors, cap)
+    found: dict[str, Any] = {"task": claim.task, "runs": len(errors), "seed": seed, "rival": claim.rival}
+    faults = []
+    lost = mine.records.failed | ~(errors <= 3.0 * cap)
+    found["failed"] = [int(lost.sum()), *exact.share(int(lost.sum()), len(lost))[1]]
+    if claim.all_align and lost.any():
+        faults.append(f"{lost.sum()} failed")
+    if claim.rival:
+        rival = played(twin(task, claim.spared), claim.rival)
+        its = losses.capped(run_errors(rival.records, claim.score)[0], cap)
+        ratio, (low, high) = exact.ratio_by_flips(loss, its)
+        found["ratio"] = [ratio, low, high]
+        if not ratio <= claim.at_point:
+            faults.append(f"ratio {ratio:.3f} > {claim.at_point:g}")
+        if not high <= claim.at_end:
+            faults.append(f"upper end {high:.3f} > {claim.at_end:g}")
+    if claim.score == "azimuth":
+        seen = oracle.compute(dataclasses.replace(task, suite_seed=seed), runs)
+        if seen is not None:
+            known = math.sqrt(seen.expected_steady[2])
+            value, (low, high) = losses.over_bound(loss, seen.steady[:, 2], known)
+            found["over_bound"] = [value, low, high]
+    else:
+        found["over_bound"] = [mine.headline_ratio, math.nan, math.nan]
+    if not found.get("over_bound", [0.0])[0] <= claim.over_bound:
+        faults.append(f"{found['over_bound'][0]:.3f} x bound > {claim.over_bound:g}")
+    if claim.median_deg < math.inf:
+        value, (low, high) = exact.median(final / DEG)
+        found["median_deg"] = [value, low, high]
+        if not value <= claim.median_deg:
+            faults.append(f"median {value:.3f} deg > {claim.median_deg:g}")
+    nees = mine.summary.nees_of_all
+    if nees:
+        found["nees"] = nees[-1].mean / mine.summary.nees_dof
+        error = math.sqrt(2.0 / (mine.summary.nees_dof * nees[-1].runs))
+        low, high = HONEST_NEES[0] - 2.0 * error, HONEST_NEES[1] + 2.0 * error
+        if claim.honest and not low <= found["nees"] <= high:
+            faults.append(f"NEES {found['nees']:.2f}")
+    return {**found, "faults": faults, "wall_s": time.perf_counter() - begin}
+
+
+def table_of(rows: Mapping[str, dict[str, Any]]) -> Table:
+    """Return the table of what was found."""
+    table = Table(title=f"{SOLVER} on fresh runs")
+    for heading in (
+        "claim",
+        "runs",
+        "seed",
+        "failed",
+        "rival",
+        "ratio",
+        "x bound",
+        "median, deg",
+        "NEES / n",
+        "verdict",
+    ):
+        table.add_column(heading, justify="left" if heading in ("claim", "rival", "verdict") else "right")
+    for name, row in rows.items():
+        k, _, high = row["failed"]
+        cells = [name, f"{row['runs']}", f"{row['seed']}", f"{k} (<= {high:.1%})", row["rival"]]
+        cells += [_interval(row.get(key), ".3f") for key in ("ratio", "over_bound", "median_deg")]
+        cells.append(f"{row['nees']:.2f}" if "nees" in row else "-")
+        table.add_row(*cells, "; ".join(row["faults"]) or "holds")
+    return table
+
+
+def _interval(found: Sequence[float] | None, form: str) -> str:
+    if found is None:
+        return "-"
+    value, low, high = found
+    return f"{value:{form}}" if math.isnan(low) else f"{value:{form}} [{low:{form}}, {high:{form}}]"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description="what is said of gsf_imm, on fresh runs")
+    parser.add_argument("claims", nargs="*", metavar="claim", help=f"default all: {' '.join(CLAIMS)}")
+    parser.add_argument(
+        "--seed", type=int, required=True, help="seed of the suite, one that was not used in development"
+    )
+    parser.add_argument("--part", type=float, default=1.0, help="part of the runs, 0 to 1 (default %(default)s)")
+    parser.add_argument(
+        "--json", metavar="FILE", help="also write what was found, a claim a line, as soon as it is known"
+    )
+    given = parser.parse_args(arguments)
+    names = given.claims or list(CLAIMS)
+    if unknown := [name for name in names if name not in CLAIMS]:
+        parser.error(f"{', '.join(unknown)}: no such claim; allowed: {', '.join(CLAIMS)}")
+    rows: dict[str, dict[str, Any]] = {}
+    for name in names:
+        claim = CLAIMS[name]
+        with Bar(f"{name}, seed {given.seed}") as bar:
+            rows[name] = check(claim, max(round(given.part * claim.runs), 8), given.seed, bar)
+        if given.json:
+            with open(given.json, "a", encoding="utf-8") as file:
+                file.write(json.dumps({"claim": name, **rows[name]}) + "\n")
+    Console().print(table_of(rows))
+    return 1 if any(row["faults"] for row in rows.values()) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

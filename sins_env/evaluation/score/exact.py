@@ -1,0 +1,163 @@
+"""Tests and intervals that hold for any law of the errors: shares, medians, and paired comparisons by sign flips.
+
+- Share of runs: Clopper and Pearson (1934), doi 10.1093/biomet/26.4.404.
+- Median: order statistics, so that censored times need no further care.
+- Two solvers of equal mean loss: signs of the paired differences are exchangeable if both have one law, so every pattern of
+  signs is as probable as the observed one. Fisher (1935), The Design of Experiments, section 21.
+- Two shares of failed runs: McNemar (1947), doi 10.1007/BF02295996, exact by the binomial law.
+- Many comparisons: Holm (1979), https://www.jstor.org/stable/4615733.
+
+See docs/tasks_and_scores.md#claims.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sins_env.arrays import Array, Mask
+from sins_env.evaluation.score.resampling import CONFIDENCE, NO_INTERVAL, SEED, Estimate
+
+LEVEL = 1.0 - CONFIDENCE  #: probability of a false verdict
+FLIPS = 9999  #: number of random patterns of signs; the observed one is counted with them
+ALL_PATTERNS = 12  #: most runs for which all patterns are taken
+ROUNDING = 1e-12  #: sums that differ by less, relatively, count as equal
+WIDEST = 40.0  #: largest logarithm of a ratio of mean losses that an interval can end at; beyond, it is open
+
+
+def share(part: int, runs: int) -> Estimate:
+    """Return the share of ``runs`` runs with the interval of Clopper and Pearson, which covers at least 95 %."""
+    from scipy import special  # slow to import
+
+    tail = 0.5 * LEVEL
+    low = float(special.betaincinv(part, runs - part + 1, tail)) if part else 0.0
+    high = float(special.betaincinv(part + 1, runs - part, 1.0 - tail)) if part < runs else 1.0
+    return part / runs, (low, high)
+
+
+def median_ranks(runs: int) -> tuple[int, int] | None:
+    """Return the ranks, from 1, of the ends of the interval of a median; None for fewer than six runs."""
+    from scipy import special  # slow to import
+
+    below = special.bdtr(np.arange(runs), runs, 0.5)  # probability that at most so many runs lie below the median
+    low = int(np.searchsorted(below, 0.5 * LEVEL, side="right"))
+    return (low, runs + 1 - low) if low else None
+
+
+def median(values: Array) -> Estimate:
+    """Return the median of values (R,) with the interval of order statistics; +inf are values beyond the end, as of censored times.
+
+    The median is +inf if either of the two middle values is.
+    """
+    ordered = np.sort(values)
+    runs = len(ordered)
+    middle = ordered[[(runs - 1) // 2, runs // 2]]
+    ranks = median_ranks(runs)
+    interval = NO_INTERVAL if ranks is None else (float(ordered[ranks[0] - 1]), float(ordered[ranks[1] - 1]))
+    return float(0.5 * (middle[0] + middle[1])), interval
+
+
+@lru_cache(maxsize=8)
+def patterns(runs: int) -> Array:
+    """Return patterns of signs (N, runs): all of them for few runs, else the observed one and FLIPS random ones."""
+    if runs <= ALL_PATTERNS:
+        bits = np.arange(2**runs)[:, None] >> np.arange(runs) & 1
+    else:
+        bits = np.vstack([np.zeros(runs, dtype=int), np.random.default_rng(SEED).integers(0, 2, (FLIPS, runs))])
+    return np.where(bits, -1.0, 1.0)
+
+
+def sign_flips(a: Array, b: Array) -> float:
+    """Return the two-sided p value of equal mean losses of two solvers in the same runs, (R,) each."""
+    differences = a - b
+    drawn = np.abs(patterns(len(differences)) @ differences)
+    return float((drawn >= abs(differences.sum()) * (1.0 - ROUNDING)).mean())
+
+
+def ratio_by_flips(a: Array, b: Array, level: float = LEVEL) -> Estimate:
+    """Return the ratio of RMS of two solvers in the same runs, with all ratios that :func:`sign_flips` does not reject.
+
+    Args:
+        a, b: losses, squared errors of each run (R,).
+        level: probability that the interval misses the true ratio.
+    """
+    signs = patterns(len(a))
+    drawn_a, drawn_b, sum_a, sum_b = signs @ a, signs @ b, float(a.sum()), float(b.sum())
+    if not (sum_b > 0.0 and sum_a > 0.0):
+        return math.nan, NO_INTERVAL
+    ratio = sum_a / sum_b
+
+    def kept(log: float) -> bool:
+        r = ratio * math.exp(log)
+        return float((np.abs(drawn_a - r * drawn_b) >= abs(sum_a - r * sum_b) * (1.0 - ROUNDING)).mean()) > level
+
+    ends = [ratio * math.exp(sign * _edge(kept, sign)) for sign in (-1, 1)]
+    return math.sqrt(ratio), (math.sqrt(ends[0]), math.sqrt(ends[1]))
+
+
+def _edge(kept: Callable[[float], bool], sign: int) -> float:
+    """Return how far from zero ``kept`` holds, by doubling and halving; inf beyond WIDEST."""
+    low, high = 0.0, 0.02
+    while kept(sign * high):
+        low, high = high, 2.0 * high
+        if high > WIDEST:
+            return math.inf
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if kept(sign * middle) else (low, middle)
+    return low
+
+
+def mcnemar(a: Mask, b: Mask) -> float:
+    """Return the two-sided p value of equal shares of failed runs (R,); runs in which just one solver fails decide."""
+    from scipy import special  # slow to import
+
+    only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
+    runs = only_a + only_b
+    return min(1.0, 2.0 * float(special.bdtr(min(only_a, only_b), runs, 0.5))) if runs else 1.0
+
+
+def holm(p: ArrayLike) -> Array:
+    """Return p values (k,) that are adjusted for k comparisons, in the order given."""
+    values = np.asarray(p, dtype=float)
+    order = np.argsort(values, kind="stable")
+    steps = np.minimum(np.arange(len(values), 0, -1) * values[order], 1.0)
+    out = np.empty_like(values)
+    out[order] = np.maximum.accumulate(steps)
+    return out
+
+
+def fragile(a: Array, b: Array, cap: float) -> bool:
+    """Return whether one more run would undo the win of one solver over another.
+
+    In that run the winner fails, with the loss ``cap`` squared, and the loser does as on average.
+    """
+    wins = a.mean() < b.mean()
+    more_a, more_b = (cap**2, b.mean()) if wins else (a.mean(), cap**2)
+    longer_a, longer_b = np.append(a, more_a), np.append(b, more_b)
+    return bool((longer_a.mean() < longer_b.mean()) != wins) or sign_flips(longer_a, longer_b) > LEVEL
+
+
+def unbeaten(losses: Array, level: float = LEVEL) -> Mask:
+    """Return which columns of losses (R, k) no other one beats, one-sided at ``level`` / (k - 1), (k,).
+
+    They hold the best solver with a probability of at least 1 - ``level``, although the leader was selected.
+    """
+    return beaten_by(losses, level) == 0
+
+
+def beaten_by(losses: Array, level: float = LEVEL) -> Array:
+    """Return by how many others each column of losses (R, k) is beaten, one-sided at ``level`` / (k - 1), (k,)."""
+    runs, count = losses.shape
+    sums = losses.sum(axis=0)
+    drawn = patterns(runs) @ losses
+    out = np.zeros(count, dtype=int)
+    for j in range(count):
+        apart = np.abs(drawn - drawn[:, [j]]) >= np.abs(sums - sums[j]) * (1.0 - ROUNDING)
+        p = 0.5 * apart.mean(axis=0)
+        out[j] = int(((sums < sums[j]) & (p <= level / max(count - 1, 1))).sum())
+    return out
