@@ -1,4 +1,4 @@
-"""An object in a process of its own, whose methods are called through a socket.
+"""An object in a process of its own, whose methods are called through two pipes.
 
 If it hangs, ends its process or answers what is no answer, the caller gets an :class:`EstimatorError` with one line. Nothing
 that comes from there is unpickled or evaluated.
@@ -14,13 +14,13 @@ import select
 import shlex
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Mapping
 from contextlib import suppress
+from io import FileIO
 from multiprocessing import spawn
 from typing import Any
 
@@ -90,7 +90,7 @@ class _Starter:
         return mine and self.process.poll() is None
 
     def start(self, *files: int) -> None:
-        """Start a process with these open files: what the keeper tells, calls, shared memory, standard error."""
+        """Start a process with these open files: what the keeper tells, requests, answers, shared memory, standard error."""
         self._wake()
         socket.send_fds(self._socket, [wire.STARTED], files)
 
@@ -157,16 +157,18 @@ class Child:
 
     def __init__(self, target: str, script: bool = False) -> None:
         self.target, self.script = target, script
-        self._data: socket.socket | None = None
+        self._requests: FileIO | None = None
+        self._answers: FileIO | None = None
         self._told: socket.socket | None = None  # what its keeper tells
         self._memories: socket.socket | None = None  # the way of shared memory to the process
         self._pid = 0
         self._number = 0
+        self._last = ""  # name of the last call if that had no arguments
 
     @property
     def running(self) -> bool:
         """Whether the process runs, so that the object keeps its state from one call to the next."""
-        return self._data is not None
+        return self._answers is not None
 
     def cpu_s(self) -> float:
         """Return the CPU time of the process by the kernel's clock, s.
@@ -182,7 +184,7 @@ class Child:
 
     def share(self, layout: Layout) -> dict[str, NDArray[Any]]:
         """Return arrays in new memory, which is on its way to the process; there :func:`wire.received` takes it."""
-        if self._data is None:
+        if not self.running:
             self._begin()
         assert self._memories is not None
         memory = wire.new_memory(layout)
@@ -204,83 +206,11 @@ class Child:
             PicklingError, AttributeError, TypeError: an argument cannot be sent.
             RuntimeError: the process cannot start.
         """
-        if self._data is None:
+        if self._answers is None:
             self._begin()
-        return self._call(name, limit_s, *arguments, beats=beats)
-
-    def close(self) -> None:
-        """End the process and whatever it has started; it starts again when it is needed."""
-        if self._told is not None:
-            with suppress(OSError):
-                self._told.shutdown(socket.SHUT_WR)
-                self._until_kept_no_more()
-            self._told.close()
-        if self._data is not None:
-            self._data.close()
-        if self._memories is not None:
-            self._memories.close()
-        self._data = self._told = self._memories = None
-
-    def _until_kept_no_more(self) -> None:
-        """Wait until the keeper has ended. If that takes long, the solver may have stopped it, and it is ended."""
-        assert self._told is not None
-        for limit_s in (GRACE_S, END_S):
-            self._told.settimeout(limit_s)
-            try:
-                while self._told.recv(64):
-                    pass
-                return
-            except TimeoutError:
-                if _starter is not None and _starter.usable:
-                    _starter.end_stopped()
-
-    def _begin(self) -> None:
-        if not hasattr(os, "memfd_create"):
-            raise ValueError(_NO_SUCH_SYSTEM)
-        try:
-            try:
-                self._fork()
-            except TimeoutError:  # a solver may have stopped the starter for good
-                self.close()
-                _drop()
-                self._fork()
-        except (OSError, EOFError) as error:
-            self.close()
-            raise Unavailable(f"its process cannot start: {error}") from error
-        except BaseException:
-            self.close()
-            raise
-        assert self._data is not None
-        for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):  # the kernel's limits cost no further call
-            self._data.setsockopt(socket.SOL_SOCKET, option, struct.pack("ll", 0, round(LOOK_S * 1e6)))
-        try:
-            self._call("begin", START_S, self.target, _around(self.script))
-        except (EstimatorError, OSError, EOFError) as error:
-            self.close()
-            raise Unavailable(f"its process cannot start: {error}") from error
-
-    def _fork(self) -> None:
-        """Have the starter fork the process.
-
-        Raises:
-            TimeoutError: it does not.
-            RuntimeError: the starter cannot start.
-        """
-        self._data, data = socket.socketpair()
-        self._told, told = socket.socketpair()
-        self._memories, memories = socket.socketpair()
-        self._memories.setblocking(False)
-        with data, told, memories:
-            errors = os.dup(2)
-            try:
-                _start(told.fileno(), data.fileno(), memories.fileno(), errors)
-            finally:
-                os.close(errors)
-        self._told.settimeout(FORK_S)
-        _, self._pid = wire.END.unpack(wire.exactly(self._told, wire.END.size))
-
-    def _call(self, name: str, limit_s: float, *arguments: Any, beats: int = 0) -> Answer:
-        request = pickle.dumps((name, arguments))
+        again = name == self._last and not arguments
+        request = b"" if again else pickle.dumps((name, arguments))
+        self._last = "" if arguments else name
         self._number = (self._number + 1) % (1 << 32)
         deadline = time.monotonic() + limit_s
         try:
@@ -318,12 +248,85 @@ class Child:
             raise error
         return answer
 
+    def close(self) -> None:
+        """End the process and whatever it has started; it starts again when it is needed."""
+        if self._told is not None:
+            with suppress(OSError):
+                self._told.shutdown(socket.SHUT_WR)
+                self._until_kept_no_more()
+            self._told.close()
+        for way in (self._requests, self._answers, self._memories):
+            if way is not None:
+                way.close()
+        self._requests = self._answers = self._told = self._memories = None
+
+    def _until_kept_no_more(self) -> None:
+        """Wait until the keeper has ended. If that takes long, the solver may have stopped it, and it is ended."""
+        assert self._told is not None
+        for limit_s in (GRACE_S, END_S):
+            self._told.settimeout(limit_s)
+            try:
+                while self._told.recv(64):
+                    pass
+                return
+            except TimeoutError:
+                if _starter is not None and _starter.usable:
+                    _starter.end_stopped()
+
+    def _begin(self) -> None:
+        if not hasattr(os, "memfd_create"):
+            raise ValueError(_NO_SUCH_SYSTEM)
+        try:
+            try:
+                self._fork()
+            except TimeoutError:  # a solver may have stopped the starter for good
+                self.close()
+                _drop()
+                self._fork()
+        except (OSError, EOFError) as error:
+            self.close()
+            raise Unavailable(f"its process cannot start: {error}") from error
+        except BaseException:
+            self.close()
+            raise
+        try:
+            self._last = ""
+            self.call("begin", START_S, self.target, _around(self.script))
+        except (EstimatorError, OSError, EOFError) as error:
+            self.close()
+            raise Unavailable(f"its process cannot start: {error}") from error
+
+    def _fork(self) -> None:
+        """Have the starter fork the process.
+
+        Raises:
+            TimeoutError: it does not.
+            RuntimeError: the starter cannot start.
+        """
+        requests, self._requests = _pipe()
+        self._answers, answers = _pipe()
+        self._told, told = socket.socketpair()
+        self._memories, memories = socket.socketpair()
+        self._memories.setblocking(False)
+        for way in (self._requests, self._answers):
+            os.set_blocking(way.fileno(), False)
+        self._ready = select.poll()
+        self._ready.register(self._answers, select.POLLIN)
+        with requests, answers, told, memories:
+            errors = os.dup(2)
+            try:
+                _start(told.fileno(), requests.fileno(), answers.fileno(), memories.fileno(), errors)
+            finally:
+                os.close(errors)
+        self._told.settimeout(FORK_S)
+        _, self._pid = wire.END.unpack(wire.exactly(self._told, wire.END.size))
+
     def _answer(self, deadline: float) -> tuple[int, Answer]:
         """Receive an answer.
 
         Raises:
             TimeoutError: none came in time.
-            EOFError, OSError: the process has ended, even if others hold its socket open.
+            EOFError, OSError: the process has ended, even if others hold its pipe open.
             _Garbage: what came is no answer to this call.
         """
         number, kind, value, first, second = wire.ANSWER.unpack(self._received(wire.ANSWER.size, deadline))
@@ -335,29 +338,33 @@ class Child:
         return kind, Answer(value, " ".join(texts[0].split()), texts[1])
 
     def _send(self, message: bytes, deadline: float) -> None:
-        assert self._data is not None
-        while message:
-            try:
-                message = message[self._data.send(message) :]
-            except BlockingIOError:
-                self._check(deadline)
+        assert self._requests is not None
+        while (sent := self._requests.write(message)) != len(message):
+            message = message[sent or 0 :]
+            if not sent:
+                select.select([], [self._requests], [], LOOK_S)
+            self._check(deadline)
 
     def _received(self, size: int, deadline: float) -> bytes:
-        assert self._data is not None
+        assert self._answers is not None
         found = b""
         while len(found) < size:
-            try:
-                more = self._data.recv(size - len(found))
-            except BlockingIOError:
+            if self._ready.poll(LOOK_S * 1e3):
+                more = self._answers.read(size - len(found))
+                if more == b"":
+                    raise EOFError
+                found += more or b""
+            if len(found) < size:
                 self._check(deadline)
-                continue
-            if not more:
-                raise EOFError
-            found += more
         return found
 
     def _check(self, deadline: float) -> None:
-        """Check, whenever nothing has passed for LOOK_S, that the process still runs and has time left."""
+        """Check, whenever a message has not passed as a whole, that the process still runs and has time left.
+
+        Raises:
+            TimeoutError: it has not.
+            EOFError: it does not.
+        """
         if time.monotonic() > deadline:
             raise TimeoutError
         assert self._told is not None
@@ -373,7 +380,7 @@ class Child:
                 _, code = wire.END.unpack(wire.exactly(self._told, wire.END.size))
         self.close()
         if code is None:
-            return "its socket is closed"
+            return "its pipe is closed"
         if code >= 0:
             return f"exit code {code}"
         known = -code in {one.value for one in signal.Signals}
@@ -382,6 +389,12 @@ class Child:
 
 class _Garbage(Exception):
     """Answer that is none."""
+
+
+def _pipe() -> tuple[FileIO, FileIO]:
+    """Return the ends of a new pipe, the one to read from and the one to write to."""
+    ends = os.pipe()
+    return FileIO(ends[0], "r"), FileIO(ends[1], "w")
 
 
 def _around(script: bool) -> Mapping[str, Any]:

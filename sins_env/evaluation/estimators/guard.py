@@ -178,16 +178,17 @@ class Guard:
     def _array(self, name: str, value: Any, *shape: int) -> Array:
         """Return a copy as float64, for an estimator may use its buffer again."""
         expected = (self.num_runs, *shape) if self.batched else shape
-        what = "None" if value is None else f"a {type(value).__name__}"
+        given = None
         try:
             given = np.asarray(value)
-            what += f" of {given.dtype}" if given.ndim else ""
             if given.dtype.kind not in ("biufO" if given.ndim else "biuf"):
                 raise TypeError("text, complex numbers, times, records or None are no real numbers")
             fits = given.shape == expected  # before it is copied: a broadcast array may be larger than any memory
             array = np.array(given, dtype=np.float64) if fits else given
         except Exception as error:
-            raise EstimatorError(f"{name} returned {what}; allowed: shape {expected}") from error
+            what = "None" if value is None else f"a {type(value).__name__}"
+            of = f" of {given.dtype}" if given is not None and given.ndim else ""
+            raise EstimatorError(f"{name} returned {what}{of}; allowed: shape {expected}") from error
         if not fits:
             raise EstimatorError(f"{name} returned shape {given.shape}; allowed: {expected}")
         return array.reshape(self.num_runs, *shape)

@@ -209,13 +209,16 @@ class IsolatedGuard:
         #: Time of all steps but the estimator's own, which its process tells: true of own solvers only.
         self.way_s = 0.0
         self.navigate = False
+        self._now = self._of_both if clock is time.process_time else clock
         self._called: set[str] = set()
         self._obs: list[tuple[str, Any]] = []
         self._answers: dict[str, Any] = {}
 
     def _ask(self, name: str, *arguments: Any) -> Answer:
-        limit_s = self.host.limits.call_s if name in self._called else self.host.limits.first_s
-        self._called.add(name)
+        limit_s = self.host.limits.call_s
+        if name not in self._called:
+            self._called.add(name)
+            limit_s = self.host.limits.first_s
         try:
             return self.child.call(name, limit_s, *arguments)
         except ValueError as error:  # Guard has none
@@ -225,8 +228,8 @@ class IsolatedGuard:
                 self.host.late = self.host.late + 1 if error.late else 0
             raise
 
-    def _now(self) -> float:
-        return self.clock() + (self.child.cpu_s() if self.clock is time.process_time else 0.0)
+    def _of_both(self) -> float:
+        return self.clock() + self.child.cpu_s()
 
     def reset(self, task: types.Task, rngs: Sequence[np.random.Generator]) -> None:
         self.navigate = task.navigate

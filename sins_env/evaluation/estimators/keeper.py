@@ -40,7 +40,7 @@ def main() -> NoReturn:
     with suppress(OSError), open("/proc/self/oom_score_adj", "w") as score:  # as the next line, for all that it forks
         score.write("1000")  # the first to end if the machine has no memory left
     keep_secrets()  # no solver looks into, or writes to, what the next one is forked from
-    requests = socket.socket(fileno=os.dup(0))
+    messages = socket.socket(fileno=os.dup(0))
     _null(0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     control(_SUBREAPER, 1)
@@ -49,19 +49,19 @@ def main() -> NoReturn:
     keep_freed_memory()
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # keepers need no burial
     try:
-        requests.sendall(STARTED)
+        messages.sendall(STARTED)
     except OSError:  # the evaluation has ended meanwhile
         os._exit(0)
     _null(2)
     while True:
-        message, files, _, _ = socket.recv_fds(requests, 1, 4)
+        message, files, _, _ = socket.recv_fds(messages, 1, 5)
         if not message:
             _end_children(None)
             os._exit(0)
         if message == STOPPED:
             _end_stopped()
         elif os.fork() == 0:
-            requests.detach()
+            messages.detach()
             _keep(*files)
         for file in files:
             os.close(file)
@@ -71,7 +71,7 @@ def _null(file: int) -> None:
     os.dup2(os.open(os.devnull, os.O_RDWR), file)
 
 
-def _keep(told: int, data: int, memories: int, errors: int) -> NoReturn:
+def _keep(told: int, requests: int, answers: int, memories: int, errors: int) -> NoReturn:
     """Keep a solver's process until it ends or the evaluation closes ``told``."""
     woken, wakes = os.pipe()
     output, prints = os.pipe()
@@ -84,8 +84,8 @@ def _keep(told: int, data: int, memories: int, errors: int) -> NoReturn:
     if pid == 0:
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-        _become_solver(keeper, data, memories, prints)
-    for file in (data, memories, prints):
+        _become_solver(keeper, requests, answers, memories, prints)
+    for file in (requests, answers, memories, prints):
         os.close(file)
     with suppress(OSError):
         os.write(told, END.pack(STARTED, pid))
@@ -164,7 +164,7 @@ def _end_children(pid: int | None) -> None:
         time.sleep(0.001)
 
 
-def _become_solver(keeper: int, data: int, memories: int, prints: int) -> NoReturn:
+def _become_solver(keeper: int, requests: int, answers: int, memories: int, prints: int) -> NoReturn:
     """Make this process one that a stranger may have: nothing open, its own session, limits; then serve."""
     control(_DEATH_SIGNAL, signal.SIGKILL)
     if os.getppid() != keeper:
@@ -174,7 +174,7 @@ def _become_solver(keeper: int, data: int, memories: int, prints: int) -> NoRetu
     for file in (1, 2):
         os.dup2(prints, file)
     for file in map(int, os.listdir("/proc/self/fd")):
-        if file not in (0, 1, 2, data, memories):
+        if file not in (0, 1, 2, requests, answers, memories):
             with suppress(OSError):
                 os.close(file)
     sys.stdout = os.fdopen(1, "w", 1, "utf-8", "backslashreplace", closefd=False)
@@ -182,7 +182,10 @@ def _become_solver(keeper: int, data: int, memories: int, prints: int) -> NoRetu
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     random.seed()
     np.random.seed()  # noqa: NPY002
-    serving.serve(socket.socket(fileno=data), memories)
+    try:
+        serving.serve(requests, answers, memories)
+    except OSError:  # the solver has closed a pipe
+        os._exit(1)
     os._exit(0)
 
 

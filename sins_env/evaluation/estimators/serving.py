@@ -6,20 +6,19 @@ import importlib
 import os
 import pickle
 import resource
-import socket
 import sys
 import time
 from collections.abc import Callable, Mapping
 from multiprocessing import spawn
 from typing import Any
 
-from sins_env.evaluation.estimators import wire
 from sins_env.evaluation.estimators.guard import EstimatorError, error_of
 from sins_env.evaluation.estimators.processes import THREADS
-from sins_env.evaluation.estimators.wire import ANSWER, BEAT, DONE, FAILED, REFUSED, REQUEST, Answer, cut, tail
+from sins_env.evaluation.estimators.wire import BEAT, DONE, FAILED, REFUSED, REQUEST, Answer, packed
 
 BEAT_S = 0.2  #: least time between two beats
 _MOST_AT_ONCE = 4096
+_NOTHING = Answer()
 
 _beat: Callable[[], None] = lambda: None  # noqa: E731
 
@@ -29,8 +28,8 @@ def beat() -> None:
     _beat()
 
 
-def serve(data: socket.socket, memories: int) -> None:
-    """Answer calls until the evaluation closes the socket.
+def serve(requests: int, answers: int, memories: int) -> None:
+    """Answer calls, which come and go through two pipes, until the evaluation closes the first.
 
     A call is the name of a method and its arguments; it returns an :class:`Answer` or None. The first names the class of the
     object, and what to take over from the evaluation. The object is made with the descriptor of the socket through which
@@ -44,23 +43,26 @@ def serve(data: socket.socket, memories: int) -> None:
         nonlocal last
         if time.monotonic() > last + BEAT_S:
             last = time.monotonic()
-            data.sendall(ANSWER.pack(number, BEAT, 0, 0, 0))
+            _write(answers, packed(number, BEAT, _NOTHING))
 
     _beat = tell_beat
-    while request := data.recv(_MOST_AT_ONCE):  # most requests come as one piece
+    name = ""
+    arguments: tuple[Any, ...] = ()
+    while request := os.read(requests, _MOST_AT_ONCE):  # most come as one piece
         number, size = REQUEST.unpack_from(request)
-        if missing := REQUEST.size + size - len(request):
-            try:
-                request += wire.exactly(data, missing)
-            except EOFError:  # the evaluation has ended
+        while missing := REQUEST.size + size - len(request):
+            if not (more := os.read(requests, missing)):  # the evaluation has ended
                 return
-        name, answer, kind = "unpickling", Answer(), DONE
+            request += more
+        kind, answer = DONE, _NOTHING
         try:
-            name, arguments = pickle.loads(memoryview(request)[REQUEST.size :])
+            if size:  # otherwise the last call comes once more
+                name = "unpickling"
+                name, arguments = pickle.loads(memoryview(request)[REQUEST.size :])
             if target is None:
                 target = _begin(memories, *arguments)
             else:
-                answer = getattr(target, name)(*arguments) or answer
+                answer = getattr(target, name)(*arguments) or _NOTHING
         except EstimatorError as error:
             kind, answer = FAILED, Answer(error.raised, str(error), error.text)
         except ValueError as error:
@@ -70,8 +72,12 @@ def serve(data: socket.socket, memories: int) -> None:
             kind, answer = FAILED, Answer(raised.raised, str(raised), raised.text)
         if os.getpid() != process:  # the solver has forked, and here is the other one
             os._exit(0)
-        first, second = cut(answer.first), tail(answer.second)
-        data.sendall(ANSWER.pack(number, kind, answer.value, len(first), len(second)) + first + second)
+        _write(answers, packed(number, kind, answer))
+
+
+def _write(file: int, message: bytes) -> None:
+    while message:
+        message = message[os.write(file, message) :]
 
 
 def _begin(memories: int, target: str, around: Mapping[str, Any]) -> Any:

@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-REQUEST = struct.Struct("<II")  #: number of the call, and length of the pickled request
+#: Number of the call, and length of the pickled request; without a request the last call is made once more.
+REQUEST = struct.Struct("<II")
 ANSWER = struct.Struct("<IBqHH")  #: number of the call, kind, value, and the lengths of two texts
 END = struct.Struct("<ci")  #: what the keeper of a process tells: STARTED with its number, or ENDED with its status
 STARTED, ENDED = b"s", b"e"
@@ -39,14 +40,14 @@ class Answer(NamedTuple):
     second: str = ""
 
 
-def cut(text: str) -> bytes:
-    """Return a text as UTF-8 of at most MAX_TEXT bytes."""
-    return text[:MAX_TEXT].encode("utf-8", "replace")[:MAX_TEXT]
-
-
-def tail(text: str) -> bytes:
-    """Return the end of a text, which in a traceback tells most, as UTF-8 of at most MAX_TEXT bytes."""
-    return text[-MAX_TEXT:].encode("utf-8", "replace")[-MAX_TEXT:]
+def packed(number: int, kind: int, answer: Answer) -> bytes:
+    """Return an answer to the call of that number as bytes. Each of its texts is UTF-8 of at most MAX_TEXT bytes."""
+    value, first, second = answer
+    if not (first or second):
+        return ANSWER.pack(number, kind, value, 0, 0)
+    head = first[:MAX_TEXT].encode("utf-8", "replace")[:MAX_TEXT]
+    tail = second[-MAX_TEXT:].encode("utf-8", "replace")[-MAX_TEXT:]  # the end of a traceback tells most
+    return ANSWER.pack(number, kind, value, len(head), len(tail)) + head + tail
 
 
 def size_of(layout: Layout) -> int:

@@ -41,12 +41,12 @@ RAISES = {
     "Crashes": "step ended its process (signal SIGSEGV)",
     "HangsAtExit": "step raised RuntimeError: with a thread that does not end",
     "ForksAndLeaves": "step ended its process (exit code 4)",
-    "KillsParent": "step ended its process (its socket is closed)",
+    "KillsParent": "step ended its process (its pipe is closed)",
     "KillsGroup": "step ended its process (signal SIGTERM)",
-    "ClosesAll": "step ended its process (exit code 120)",
+    "ClosesAll": "step ended its process (exit code 1)",
     "Beats": NO_ANSWER,
     "RaisesItsLimit": "step raised ValueError: not allowed to raise maximum limit",
-    "SeesSecrets": "step raised RuntimeError: seed False, files /dev/null /memfd pipe pipe socket socket, readable 0",
+    "SeesSecrets": "step raised RuntimeError: seed False, files /dev/null /memfd pipe pipe pipe pipe socket, readable 0",
 }
 HANGS = ("LoopsInPython", "LoopsInC", "Sleeps", "IgnoresSignals", "Stops", "ArrayLoops")
 #: Solvers whose runs are those of the honest one: what they do, or look for, is not there.
@@ -77,7 +77,8 @@ HEALTHS = {
 }
 LIES = {name: NO_ANSWER for name in ("garbage", "zeros", "long", "twice", "flood")} | {
     "half": LATE,
-    "close": "step ended its process (its socket is closed)",
+    "trickle": LATE,
+    "close": "step ended its process (its pipe is closed)",
 }
 MADE = {
     "exit": "solver 'evaluation.hostile.evil:Inits' cannot be made: make ended its process (exit code 0)",
@@ -146,7 +147,7 @@ def test_what_it_does_changes_nothing(name, honest, tmp_path, monkeypatch):
 )
 def test_what_is_no_answer_is_told(name, told):
     for what, why in told.items():
-        assert reason(play(name, what, LIMIT_S if what == "half" else None)) == why
+        assert reason(play(name, what, LIMIT_S if why == LATE else None)) == why
 
 
 def test_numbers_are_numbers(honest):
