@@ -8,10 +8,14 @@ from __future__ import annotations
 import dataclasses
 import html
 import math
+import re
 from typing import Any, TypeVar
 
 LAYOUT = "\n\xa0"  #: line breaks and spaces without a break, which the package itself writes into pages and tables
-_COMPUTED = ("=", "+", "-", "@", "\t", "\r")  #: beginnings of a cell that a spreadsheet computes
+#: Signs that a spreadsheet may take for = + - @: these, and their wide, small, raised and lowered forms.
+_SIGNS = "=\uff1d\ufe66\u207c\u208c+\uff0b\ufe62\u207a\u208a\ufb29\\-\uff0d\ufe63\u207b\u208b\u2212@\uff20\ufe6b"
+#: Places where a cell that is computed would begin: behind the start, a line break, or what separates cells in some locale.
+_COMPUTED = re.compile(rf"\A(?=[\t\r\n])|(?:\A|(?<=[;\uff1b\u061b|\t\r\n]))(?=[\s\"]*[{_SIGNS}])")
 T = TypeVar("T")
 
 
@@ -44,11 +48,12 @@ def visible_fields(value: T) -> T:
 
 
 def in_csv(value: Any) -> Any:
-    """Return a value of a CSV cell. A text that a spreadsheet would compute begins with an apostrophe; numbers stay."""
-    if not isinstance(value, str):
-        return value
-    text = visible(value, keep=LAYOUT)
-    return f"'{text}" if value.startswith(_COMPUTED) else text
+    """Return a value of a CSV cell, in which no text is computed; numbers stay.
+
+    An apostrophe stands before each part that a spreadsheet would compute. A program whose locale separates cells by
+    semicolons reads the quotes of a cell as text, so that a cell may begin within a text.
+    """
+    return visible(_COMPUTED.sub("'", value), keep=LAYOUT) if isinstance(value, str) else value
 
 
 def in_markdown(text: str) -> str:

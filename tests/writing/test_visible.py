@@ -1,5 +1,10 @@
 """Text steers nothing, in whatever form; what prints stays as it is."""
 
+import csv
+import io
+import unicodedata
+
+import numpy as np
 import pytest
 
 from sins_env.writing.visible import LAYOUT, in_csv, in_json, in_markdown, visible
@@ -25,10 +30,29 @@ def test_line_breaks_stay_where_they_are_layout():
     assert visible("a\nb\xa0c\r", keep=LAYOUT) == "a\nb\xa0c\\r"
 
 
-@pytest.mark.parametrize("begin", ["=", "+", "-", "@", "\t", "\r"])
+SIGNS = [c for c in map(chr, range(0x10000)) if unicodedata.normalize("NFKC", c) in ("=", "+", "-", "@", "\u2212")]
+
+
+@pytest.mark.parametrize("begin", ["\t", "\r", "\n", *SIGNS], ids=ascii)
 def test_a_spreadsheet_computes_nothing(begin):
     assert in_csv(f"{begin}1+1").startswith("'")
     assert in_csv(f"a{begin}1").startswith("a")
+
+
+def test_no_cell_is_computed_whatever_separates_cells():
+    """Texts of signs, quotes, blanks and separators, read as programs of other locales read them."""
+    rng = np.random.default_rng(17)
+    for text in map("".join, rng.choice(list("=+@-\uff1d\"' \n\r\t\xa0;,a1\u061b"), (3000, 7))):
+        out = io.StringIO(newline="")
+        csv.writer(out, lineterminator="\n").writerow(["a", in_csv(text), in_csv(text)])
+        for separator in ",;\t\u061b":
+            for row in csv.reader(io.StringIO(out.getvalue(), newline=""), delimiter=separator):
+                assert not [one for one in row if one.strip(' "\n\xa0').startswith(tuple(SIGNS))], (text, separator)
+
+
+def test_what_is_computed_nowhere_stays_as_it_is():
+    for text in ("ckf (gate=3.5)", "a = b; c-d", '{"a": [1, -2]}', "a, -b", "x\n  y=1", "\xa0a"):
+        assert in_csv(text) == text
 
 
 def test_numbers_stay_numbers():

@@ -192,7 +192,11 @@ def _refuse_foreign_journal(path: Path) -> None:
 def _connect(target: str | Path) -> sqlite3.Connection:
     """Connect to a file or an SQLite URI, without an isolation level, so that transactions begin explicitly."""
     db = sqlite3.connect(target, timeout=BUSY_S, isolation_level=None, uri=isinstance(target, str))
-    inspection.limit(db)
+    try:
+        inspection.limit(db)
+    except BaseException:
+        db.close()
+        raise
     return db
 
 
@@ -216,15 +220,14 @@ def _open_read_only(path: Path) -> sqlite3.Connection:
     modes = ("?mode=rw", "?mode=ro", "?immutable=1")
     sealed = not os.access(path, os.W_OK) and not path.with_name(f"{path.name}-wal").exists()
     for mode in modes[-1:] if sealed else modes:
-        db = _connect(uri + mode)
         try:
-            db.execute("PRAGMA query_only = 1")
-            db.execute("SELECT count(*) FROM sqlite_master")
-            return db
+            db = _connect(uri + mode)
         except sqlite3.OperationalError:
-            db.close()
             if mode == "?immutable=1":
                 raise
+            continue
+        db.execute("PRAGMA query_only = 1")
+        return db
     raise AssertionError("unreachable")
 
 
@@ -237,6 +240,7 @@ def _explain(error: sqlite3.Error) -> str:
         ("unable to open", "cannot be opened: no such directory, or no permission"),
         ("full", "the disk is full; free some space, and --resume continues"),
         ("malformed", "damaged (not a whole SQLite file)"),
+        ("interrupted", "not a results file of sins-env: too many tables and indices"),
         ("too big", f"a row of more than {inspection.MOST_BYTES / 1e6:.0f} MB"),
         ("decode to UTF-8", "damaged (a text that is not UTF-8)"),
     ):

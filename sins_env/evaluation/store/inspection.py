@@ -20,6 +20,8 @@ from sins_env.evaluation.store.key import settings_hash
 from sins_env.evaluation.store.schema import KEY, SCHEMA, SCORES, SPANS, TOLD
 
 MOST_BYTES = 16_000_000  #: largest row of a table, bytes; SQLite refuses to read a larger one
+MOST_SCHEMA = 100_000  #: most characters of a statement, also of one that a file holds
+MOST_STEPS = 10_000  #: most steps of SQLite in reading the list of tables, some 1,000 entries; it has 13
 MOST_NAME = 500  #: most characters of a name
 MOST_SETTINGS = 20_000  #: most characters of the settings of a solver
 
@@ -118,11 +120,21 @@ def _at(table: str, row: int, column: str) -> Iterator[None]:
 
 
 def limit(db: sqlite3.Connection) -> None:
-    """Make a connection refuse damaged cells and rows larger than MOST_BYTES, and compute nothing that a file names."""
+    """Make a connection refuse damaged cells and rows larger than MOST_BYTES, and compute nothing that a file names.
+
+    SQLite reads the list of tables before its first statement; it is read here, within bounds.
+
+    Raises:
+        sqlite3.Error: a file that cannot be read, or a list longer than any of this package.
+    """
     db.execute("PRAGMA trusted_schema = OFF")
     db.execute("PRAGMA ignore_check_constraints = ON")
     db.execute("PRAGMA cell_size_check = ON")
     db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
+    db.setlimit(sqlite3.SQLITE_LIMIT_SQL_LENGTH, MOST_SCHEMA)
+    db.set_progress_handler(lambda: 1, MOST_STEPS)
+    db.execute("SELECT count(*) FROM sqlite_master")
+    db.set_progress_handler(None, 0)
 
 
 def inspect_kinds(db: sqlite3.Connection) -> None:

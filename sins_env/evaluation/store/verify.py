@@ -3,7 +3,8 @@
 A row can be verified if its task, solver and code are the present ones and the seed of its suite is given. A task whose
 world (digest), definition, criteria or bound has changed is a difference, too, because the tables show what is stored.
 
-A file never decides what is imported. A solver by name must be installed. One by path, module:Factory, must be trusted by
+A file never decides what is imported, and its settings are a stranger's: a solver with settings plays in a process of its
+own, whose memory and calls have limits. A solver by name must be installed. One by path, module:Factory, must be trusted by
 the caller in the same words. The version of its code is compared before anything of it is imported.
 """
 
@@ -20,6 +21,7 @@ import numpy as np
 from sins_env.arrays import Array
 from sins_env.evaluation import monte_carlo
 from sins_env.evaluation.estimators import finding, version
+from sins_env.evaluation.estimators.isolation import Limits
 from sins_env.evaluation.play.criteria import COMPONENTS, DIVERGED_SIGMAS, PHI, Criteria
 from sins_env.evaluation.play.executors import Runner
 from sins_env.evaluation.play.fields import NEES_PARTS, Field
@@ -99,9 +101,11 @@ def verify(
             if progress:
                 progress(before + here * part / total, count)
 
+        settings = json.loads(key.settings)
+        limit_s = Limits().first_s if settings and finding.is_own(key.solver) else None
         found = monte_carlo.evaluate(
-            key.task, key.solver, runs, seed, settings=json.loads(key.settings), executor=where, cost=False,
-            workers=None if where else 1, progress=report,
+            key.task, key.solver, runs, seed, settings=settings, executor=where, cost=False,
+            workers=None if where else 1, progress=report, epoch_timeout_s=limit_s,
         )  # fmt: skip
         stored = store.results(key, runs)
         yardsticks |= dict.fromkeys(f"{key.task}: {text}" for text in _yardsticks(stored, found))
@@ -164,7 +168,7 @@ def _change(store: Store, name: str) -> str:
 
 
 def compare_runs(stored: Records, now: Records) -> list[str]:
-    """Return a line for each run that differs, with the first score that does.
+    """Return a line for each run that differs, with the first score that does, and why the run failed now if it did.
 
     Timing, texts and histories are not compared.
 
@@ -177,7 +181,8 @@ def compare_runs(stored: Records, now: Records) -> list[str]:
             raise ValueError(f"run {now.run[i]}; allowed: the same runs in the same order")
         text = _difference(stored.row(i), now.row(i), stored.criteria)
         if text:
-            out.append(f"run {run}: {text}")
+            why = now.row(i)["reason"]
+            out.append(f"run {run}: {text}" + (f" ({why})" if why else ""))
     return out
 
 

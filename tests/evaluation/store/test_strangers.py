@@ -75,6 +75,27 @@ def document(column, **values):
     return change
 
 
+def in_schema(change):
+    """A change of the table of tables itself, which SQLite does not check."""
+
+    def make(db):
+        db.execute("PRAGMA writable_schema = ON")
+        change(db)
+
+    return make
+
+
+def of_sessions(text):
+    """A text that stands behind the columns of a table."""
+    sql = "UPDATE sqlite_master SET sql = replace(sql, 'machine TEXT', 'machine TEXT' || ?) WHERE name = 'sessions'"
+    return in_schema(lambda db: db.execute(sql, (text,)))
+
+
+def many_tables(db):
+    rows = [("table", f"x{i}", f"x{i}", 2, f"CREATE TABLE x{i} (a)") for i in range(3000)]
+    db.executemany("INSERT INTO sqlite_master VALUES (?, ?, ?, ?, ?)", rows)
+
+
 REFUSED = {
     "blob as a name": ("UPDATE runs SET solver = x'fffe' WHERE id = 2", "row 2: solver is a blob of 2 bytes; allowed: 1 to"),
     "no name": ("UPDATE runs SET task = NULL", "runs, row 1: task is NULL"),
@@ -136,6 +157,13 @@ REFUSED = {
     "computed column": ("ALTER TABLE tasks ADD COLUMN x AS (hex(zeroblob(1000000000)))", "tasks has the computed column 'x'"),
     "no column": ("ALTER TABLE costs DROP COLUMN ratio", "the table costs lacks 'ratio REAL'"),
     "no table": ("DROP TABLE histories", "it has no table histories"),
+    "thousands of tables": (in_schema(many_tables), "not a results file of sins-env: too many tables and indices"),
+    "long statement": (of_sessions(", CHECK (id IN (" + "1, " * 50_000 + "1))"), "damaged (not a whole SQLite file)"),
+    "thousands of columns": (of_sessions(", c" + " INT, c".join(map(str, range(1900)))), "the table sessions has 'c"),
+    "costly check": (of_sessions(", CHECK (hex(zeroblob(900000000)))"), "the table sessions has 'CHECK"),
+    "older, with a costly index": (
+        "CREATE INDEX x ON runs (length(hex(zeroblob(9000000 + run))))", "the index 'x'", 3,
+    ),
     "virtual table": ("CREATE VIRTUAL TABLE evil USING fts5(a)", "the table 'evil"),
     "older, with a trigger": ("CREATE TRIGGER t AFTER INSERT ON tasks BEGIN SELECT 1; END", "the trigger 't'", 3),
     "older, computed": ("ALTER TABLE costs ADD COLUMN x AS (hex(zeroblob(1000000000)))", "the computed column 'x'", 3),

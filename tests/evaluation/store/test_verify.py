@@ -11,6 +11,7 @@ import pytest
 from sins_env.cli.main import main
 from sins_env.evaluation import evaluate
 from sins_env.evaluation.estimators import version
+from sins_env.evaluation.store import verify as verification
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.store.verify import compare_runs, verify
@@ -79,6 +80,35 @@ def test_a_changed_score_is_found(short, change, text):
     assert found.runs == 5
     (line,) = found.differences
     assert line.startswith(f"{PLUGIN}DeadReckoning on short-v0, {text}")
+
+
+def test_why_a_run_fails_now_is_said(short):
+    fill(short, "At", 1, how="nan")
+    with Store("results.sqlite", read_only=True) as db:
+        (key,) = db.keys()
+        (reason,) = db.results(key).records.reason
+    tamper("UPDATE runs SET status = 'ok', reason = ''")
+    (line,) = check().differences
+    assert reason
+    assert line.endswith(f"run 0: status ok stored, diverged now ({reason})")
+
+
+def test_settings_that_a_file_names_are_played_apart(short, monkeypatch):
+    """They may ask for a million particles: what this package's own solvers do with them has limits of memory and time."""
+    limits = {}
+
+    def limited(*given, epoch_timeout_s, **more):
+        limits[given[1], *more["settings"]] = epoch_timeout_s
+        return evaluate(*given, **more)
+
+    with Store("results.sqlite") as db:
+        for solver, settings in (("kf", {}), ("iekf", {"iterations": 1}), (PLUGIN + "At", {"epoch": 150})):
+            found = evaluate(short, solver, 1, workers=1, settings=settings, cost=False)
+            db.add(Key.of(short.name, found.suite, solver, settings, version.code_version(solver)), found.records)
+        db.add_task(short)
+    monkeypatch.setattr(verification.monte_carlo, "evaluate", limited)
+    assert check().differences == ()
+    assert limits == {("kf",): None, ("iekf", "iterations"): 60.0, (PLUGIN + "At", "epoch"): None}
 
 
 def test_rounding_is_no_difference(short):
