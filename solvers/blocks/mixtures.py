@@ -113,6 +113,11 @@ class _Spread:
         """The Jacobian of g, if it has one."""
         return getattr(self.g, "jacobian", None)
 
+    @property
+    def value_and_jacobian(self) -> Callable[[Array], tuple[Array, Array]] | None:
+        """The function for both at once, if g has it."""
+        return getattr(self.g, "value_and_jacobian", None)
+
 
 def spread(g: Function, axes: int) -> Function:
     """Make a function of runs one of components, with ``axes`` batch axes in front. ``Linear`` stays ``Linear``."""

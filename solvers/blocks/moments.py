@@ -187,7 +187,8 @@ class Linearized:
 
 def tangent_moments(g: Function, x: Gaussian, at: Array) -> tuple[Moments, Array]:
     """Return the moments under the tangent of g at ``at`` (..., n), and the tangent's matrix (..., m, n)."""
-    value, J = tangent(g, at, standard_deviations(x.cov))
+    known = _known_tangent(g, at)
+    value, J = _differences(g, at, standard_deviations(x.cov)) if known is None else known
     y = linear_moments(Linear(J, value), x._replace(mean=x.mean - at))
     return y, J
 
@@ -202,14 +203,27 @@ def standard_deviations(P: Array, out: Array) -> None:
 def tangent(g: Function, x: Array, scale: Array) -> tuple[Array, Array]:
     """Return value (..., m) and Jacobian (..., m, n) of g at x (..., n).
 
-    The Jacobian is ``g.jacobian(x)`` if g has one. Otherwise it comes from central differences, with all 2n + 1 points in one
-    call. Steps are ``STEP`` times the standard deviations ``scale`` (..., n), but no smaller than rounding allows.
+    Both are ``g.value_and_jacobian(x)``, or the Jacobian is ``g.jacobian(x)``, if g has these. Otherwise it comes from central
+    differences, with all 2n + 1 points in one call. Steps are ``STEP`` times the standard deviations ``scale`` (..., n), but no
+    smaller than rounding allows.
     """
-    analytic = getattr(g, "jacobian", None)
+    known = _known_tangent(g, x)
+    return _differences(g, x, scale) if known is None else known
+
+
+def _known_tangent(g: Function, x: Array) -> tuple[Array, Array] | None:
+    """Return value and Jacobian of a g that has its own, or None."""
     if isinstance(g, Linear):
         return g(x), g.matrix
-    if analytic is not None:
-        return g(x), analytic(x)
+    both, slope = getattr(g, "value_and_jacobian", None), getattr(g, "jacobian", None)
+    if both is not None:
+        value, J = both(x)
+        return value, J
+    return None if slope is None else (g(x), slope(x))
+
+
+def _differences(g: Function, x: Array, scale: Array) -> tuple[Array, Array]:
+    """Return value and Jacobian of g by central differences."""
     grid, width = _stencil(x, scale, _signs(x.shape[-1]))
     value, J = _slope(g(grid), width)
     return value, J

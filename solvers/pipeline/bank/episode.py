@@ -22,7 +22,7 @@ from solvers.pipeline.bank.models import Models, propagate
 from solvers.pipeline.bank.slices import Frame, Slices, join, normalised, replaced, sum_by_run
 from solvers.pipeline.errors.invariant import Invariant, Seen
 from solvers.pipeline.errors.model import Parameter
-from solvers.pipeline.errors.navigation import NavigationErrors, slope
+from solvers.pipeline.errors.navigation import NavigationErrors
 from solvers.pipeline.strapdown import EpochMotion, Strapdown, StrapdownState, carried_sample
 from solvers.types import Gaussian, Health, Measurement
 
@@ -141,7 +141,7 @@ class Episode:
     def _predict(self, s: Slices, motion: EpochMotion, before: NavState) -> Slices:
         """Mix the models, and take them through the epoch of the INS."""
         a, b = self._coordinates.at(before), self._coordinates.at(s.ins.nav)
-        F = b.growth(a, slope(motion, self._errors.states))
+        F = b.growth(a, motion)
         mixed = self._models.mix(s.weight, s.x, s.regimes, self._chain, self._offset)
         gyro = b.spread_noise(self._Q_gyro)  # the noise of the accelerometers stays as it is
         x = propagate(mixed.x, F, gyro, self._Q_accel, self._models.noise, self._frame.moving)

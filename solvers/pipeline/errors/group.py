@@ -113,16 +113,25 @@ def corrected(q_nb: Array, held: Array, xi: Array, q: Array, after: Array) -> No
         put_row(turned(theta, subtract(row(held, i), eta), a1, a2), after, i)
 
 
-@kernel("(n,m),(h,3)->(n,m)")
-def multiplied(F: Array, held: Array, out: Array) -> None:
-    """Return D F (..., n, m), with the slope D = d xi / d x at zero: -held x in the rows of velocity and place on phi."""
+@helper
+def multiply_slope(F: Array, held: Array) -> None:
+    """Make D F of F (n, m), with the slope D = d xi / d x at zero: -held x in the rows of velocity and place on phi."""
     for j in range(F.shape[1]):
-        for i in range(len(F)):
-            out[i, j] = F[i, j]
         for k in range(len(held)):
             change = cross3(row(held, k), (F[0, j], F[1, j], F[2, j]))
             for i in range(3):
-                out[3 * k + 3 + i, j] -= change[i]
+                F[3 * k + 3 + i, j] -= change[i]
+
+
+@helper
+def divide_slope(F: Array, held: Array) -> None:
+    """Make F D^-1 of F (m, n)."""
+    for i in range(len(F)):
+        for k in range(len(held)):
+            f = (F[i, 3 * k + 3], F[i, 3 * k + 4], F[i, 3 * k + 5])
+            change = cross3(f, row(held, k))  # f' (held x) = (f x held)'
+            for j in range(3):
+                F[i, j] += change[j]
 
 
 @kernel("(m,n),(h,3)->(m,n)")
@@ -131,8 +140,18 @@ def divided(F: Array, held: Array, out: Array) -> None:
     for i in range(len(F)):
         for j in range(F.shape[1]):
             out[i, j] = F[i, j]
-        for k in range(len(held)):
-            f = (F[i, 3 * k + 3], F[i, 3 * k + 4], F[i, 3 * k + 5])
-            change = cross3(f, row(held, k))  # f' (held x) = (f x held)'
-            for j in range(3):
-                out[i, j] += change[j]
+    divide_slope(out, held)
+
+
+@kernel("(n,n),(h,3)->(n,n)")
+def spread_noise(Q: Array, held: Array, out: Array) -> None:
+    """Return D Q D' (..., n, n) for symmetric Q (..., n, n)."""
+    n = len(Q)
+    for i in range(n):
+        for j in range(n):
+            out[i, j] = Q[i, j]
+    multiply_slope(out, held)
+    for i in range(n):
+        for j in range(i):
+            out[i, j], out[j, i] = out[j, i], out[i, j]
+    multiply_slope(out, held)

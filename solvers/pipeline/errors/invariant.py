@@ -23,13 +23,16 @@ import numpy as np
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
 from sins_env.earth import Earth
+from sins_env.kernels import kernel
 from sins_env.states import Layout
 from sins_env.types import NavState
 from solvers.blocks.mixtures import spread, widen
 from solvers.blocks.moments import tangent
 from solvers.pipeline.errors import group, group_slopes
+from solvers.pipeline.errors.group import divide_slope, multiply_slope
 from solvers.pipeline.errors.group_slopes import right_jacobian
-from solvers.pipeline.errors.navigation import NavigationMap
+from solvers.pipeline.errors.navigation import NavigationMap, fill_slope
+from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Function, Gaussian, Measurement, Transition
 
 Maps = tuple[Function, Callable[[Array], Array]]  #: a function and its Jacobian
@@ -134,10 +137,17 @@ class Through:
 
     def jacobian(self, xi: Array) -> Array:
         """Return the Jacobian (..., m, n) at xi (..., n)."""
+        return self.value_and_jacobian(xi)[1]
+
+    def value_and_jacobian(self, xi: Array) -> tuple[Array, Array]:
+        """Return the value (..., m) and the Jacobian (..., m, n) at xi (..., n)."""
         x = self.before.errors(xi)
         y, J = tangent(self.before.spread(self.g), x, np.full_like(x, SCALE))
         J = J @ self.before.errors_slope(xi, x)
-        return J if self.after is None else self.after.invariant_slope(self.after.invariant(y), y) @ J
+        if self.after is None:
+            return y, J
+        value = self.after.invariant(y)
+        return value, self.after.invariant_slope(value, y) @ J
 
 
 class Tangent(Through, ABC):
@@ -151,15 +161,23 @@ class Tangent(Through, ABC):
     def __call__(self, xi: Array) -> Array:
         if xi.ndim > self.before.ndim:  # points, or components of a mixture
             return super().__call__(xi)
-        y, J = self.at_zero
-        near = y + (J @ xi[..., None])[..., 0]
-        away = _away(xi)
-        return np.where(away[..., None], super().__call__(xi), near) if away.any() else near
+        near, far = self._near(xi), away(xi)
+        return np.where(far[..., None], super().__call__(xi), near) if np.count_nonzero(far) else near
 
-    def jacobian(self, xi: Array) -> Array:
-        near = self.at_zero[1] if xi.ndim == self.before.ndim else widen(self.at_zero[1])
-        away = _away(xi)
-        return np.where(away[..., None, None], super().jacobian(xi), near) if away.any() else near
+    def value_and_jacobian(self, xi: Array) -> tuple[Array, Array]:
+        far, mixture = away(xi), xi.ndim > self.before.ndim
+        near = widen(self.at_zero[1]) if mixture else self.at_zero[1]
+        if not np.count_nonzero(far):
+            return self(xi) if mixture else self._near(xi), near
+        y, J = super().value_and_jacobian(xi)
+        J = np.where(far[..., None, None], J, near)
+        return y if mixture else np.where(far[..., None], y, self._near(xi)), J
+
+    def _near(self, xi: Array) -> Array:
+        """Return the value (..., m) at a negligible xi (..., n)."""
+        y, J = self.at_zero
+        value: Array = y + np.matmul(J, xi[..., None])[..., 0]
+        return value
 
 
 class Growth(Tangent):
@@ -170,7 +188,7 @@ class Growth(Tangent):
 
     @cached_property
     def at_zero(self) -> tuple[Array, Array]:
-        F = self.after.growth(self.before, self.g.slope())
+        F = self.after.growth(self.before, self.g.motion)
         return np.zeros(F.shape[:-1]), F
 
 
@@ -181,7 +199,7 @@ class Seen(Tangent):
     def at_zero(self) -> tuple[Array, Array]:
         zero = np.zeros(self.before.shape)
         y, H = tangent(self.g, zero, zero)
-        return y, self.before.divided(H)
+        return y, np.asarray(group.divided(H, self.before.held))
 
 
 class Reset(Through):
@@ -196,12 +214,22 @@ class Reset(Through):
             self._done = xi, super().__call__(xi)
         return self._done[1]
 
-    def jacobian(self, xi: Array) -> Array:
+    def value_and_jacobian(self, xi: Array) -> tuple[Array, Array]:
         left = self(xi)
-        J, away = right_jacobian(xi, self._states), _away(left)
-        if not away.any():
-            return J
-        return np.where(away[..., None, None], np.linalg.solve(right_jacobian(left, self._states), J), J)
+        J, far = right_jacobian(xi, self._states), away(left)
+        if not np.count_nonzero(far):
+            return left, J
+        return left, np.where(far[..., None, None], np.linalg.solve(right_jacobian(left, self._states), J), J)
+
+
+@kernel("(3,3),(3),(3),(3),(3),(3,3),(),(),(e),(h,3),(h,3)->(e,e)")
+def _growth(
+    C: Array, force: Array, vel: Array, rate_ie: Array, rate_en: Array, transport: Array, gravity_slope: float,
+    h: float, xi: Array, before: Array, after: Array, F: Array,
+) -> None:  # fmt: skip
+    fill_slope(C, force, vel, rate_ie, rate_en, transport, gravity_slope, h, len(after) == 2, F)
+    divide_slope(F, before)
+    multiply_slope(F, after)
 
 
 class Chart:
@@ -212,10 +240,13 @@ class Chart:
     """
 
     def __init__(self, held: Array, states: Layout) -> None:
-        self.held, self._size = held, states.size
+        self.held, self._states = held, states
         self.ndim = held.ndim - 1  #: number of axes of one xi per run
-        self.shape = (*held.shape[:-2], states.size)  #: shape of one xi per run
-        self._phi, *self._rows = (states[name] for name in ("phi", "dv", "dp")[: 1 + held.shape[-2]])
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of one xi per run."""
+        return *self.held.shape[:-2], self._states.size
 
     def spread(self, g: Function) -> Function:
         """Make ``g`` work for points around the components of a mixture too."""
@@ -239,33 +270,37 @@ class Chart:
 
     def slope(self) -> Array:
         """Return d xi / d x at zero (..., n, n)."""
-        n = self._size
+        n, phi = self._states.size, self._states["phi"]
         D = np.broadcast_to(np.eye(n), (*self.held.shape[:-2], n, n)).copy()
-        for i, rows in enumerate(self._rows):
-            D[..., rows, self._phi] = -attitude.skew(self.held[..., i, :])
+        for i, name in enumerate(("dv", "dp")[: self.held.shape[-2]]):
+            D[..., self._states[name], phi] = -attitude.skew(self.held[..., i, :])
         return D
 
-    def multiplied(self, F: Array) -> Array:
-        """Return D F (..., n, m) for F (..., n, m), with the slope D of these coordinates."""
-        return np.asarray(group.multiplied(F, self.held))
-
-    def growth(self, before: Chart, F: Array) -> Array:
-        """Return the Jacobian (..., n, n) of xi over an epoch, for that of the errors, F, from the coordinates ``before`` on."""
-        return self.multiplied(before.divided(F))
+    def growth(self, before: Chart, m: EpochMotion) -> Array:
+        """Return the Jacobian (..., n, n) of xi at zero over an epoch, from the coordinates ``before`` to these: D1 F D0^-1."""
+        si = self._states.si
+        F: Array = _growth(
+            m.C, m.dvel_n, m.vel, m.rate_ie, m.rate_en, m.transport, m.gravity_slope, m.dt, si, before.held, self.held
+        )
+        return F
 
     def spread_noise(self, Q: Array) -> Array:
-        """Return D Q D' (..., n, n) for symmetric Q (..., n, n)."""
-        return self.multiplied(self.multiplied(Q).mT)
-
-    def divided(self, F: Array) -> Array:
-        """Return F D^-1 (..., m, n) for F (..., m, n), with the slope D of these coordinates."""
-        return np.asarray(group.divided(F, self.held))
+        """Return D Q D' (..., n, n) for symmetric Q (..., n, n), with the slope D of these coordinates."""
+        return np.asarray(group.spread_noise(Q, self.held))
 
     def _held(self, x: Array) -> Array:
         """Return the vectors for points or components x (..., n), with axes of one for these."""
+        if x.ndim == self.ndim:
+            return self.held
         return self.held.reshape(*self.held.shape[:-2], *(1,) * (x.ndim - self.ndim), *self.held.shape[-2:])
 
 
-def _away(x: Array) -> Mask:
-    """Return whether the errors x (..., n) are more than what rounding leaves, (...)."""
-    return np.asarray(np.abs(x).max(axis=-1) > NOTHING)
+@kernel("(n)->()", "d?")
+def away(x: Array, far: Mask) -> None:
+    """Return whether the errors x (..., n) are more than what rounding leaves, (...); NaN is not."""
+    far[0] = False
+    for i in range(len(x)):
+        if x[i] != x[i]:
+            return
+    for i in range(len(x)):
+        far[0] = far[0] or abs(x[i]) > NOTHING

@@ -24,7 +24,7 @@ import numpy as np
 from sins_env import earth
 from sins_env.arrays import Array
 from sins_env.earth import FREE_AIR, Earth
-from sins_env.kernels import kernel
+from sins_env.kernels import helper, kernel
 from sins_env.kernels.algebra import (
     add,
     add_skew,
@@ -128,36 +128,26 @@ class NavigationMap:
     temporaries = 0  #: number of arrays of the size of x that a call makes beside its result
 
     def __init__(self, motion: EpochMotion, states: Layout) -> None:
-        self._ndim, self._motion, self._states = motion.dvel_n.ndim, motion, states
+        self.motion = motion
+        self._ndim, self._position = motion.dvel_n.ndim, "dp" in states
 
     def __call__(self, x: Array) -> Array:
         if x.ndim == self._ndim:
             return self(x[..., None, :])[..., 0, :]
-        m = self._motion
+        m = self.motion
         out: Array = _advance(
-            x, m.C, m.dvel_n, m.vel, m.rate_ie, m.rate_en, m.transport, m.gravity_slope, m.dt, "dp" in self._states
+            x, m.C, m.dvel_n, m.vel, m.rate_ie, m.rate_en, m.transport, m.gravity_slope, m.dt, self._position
         )
         return out
 
-    def slope(self) -> Array:
-        """Return the Jacobian (..., n, n) of the map at zero errors."""
-        return slope(self._motion, self._states)
 
-
-def slope(m: EpochMotion, states: Layout) -> Array:
-    """Return the Jacobian (..., n, n) of the map of an epoch at zero errors: ``_advance`` to first order."""
-    F: Array = _slope(
-        m.C, m.dvel_n, m.vel, m.rate_ie, m.rate_en, m.transport, m.gravity_slope, m.dt, "dp" in states, states.si
-    )
-    return F
-
-
-@kernel("(3,3),(3),(3),(3),(3),(3,3),(),(),(),(e)->(e,e)", "dddddddd?dd")
-def _slope(
+@helper
+def fill_slope(
     C: Array, force: Array, vel: Array, rate_ie: Array, rate_en: Array, transport: Array, gravity_slope: float,
-    h: float, position: bool, si: Array, F: Array,
+    h: float, position: bool, F: Array,
 ) -> None:  # fmt: skip
-    n, eps = len(si), 9 if position else 6
+    """Fill F (n, n) with the Jacobian of the map of an epoch at zero errors: ``_advance`` to first order."""
+    n, eps = len(F), 9 if position else 6
     nabla = eps + 3
     # rows of the velocity at mid-epoch, of d_omega in the Coriolis terms, of r, and of the gain of velocity
     v, d_coriolis, r, gain = np.zeros((3, n)), np.zeros((3, n)), np.zeros((3, n)), np.zeros((3, n))
