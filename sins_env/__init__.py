@@ -22,9 +22,25 @@ Importing this package registers the environments of :mod:`sins_env.envs` with G
 In either order of the two imports ``gymnasium.make("SINS/AlignSway-v0")`` works afterwards.
 """
 
-from sins_env.cli import starting as _starting  # noqa: F401 - before anything else
+# ruff: noqa: E402 - Ctrl-C while the command starts and ends, when it has no handler, comes before any other import
+import sys as _sys
 
-# isort: split
+_NAME = _sys.argv[0] if _sys.argv else ""
+#: Whether this process is the command, as a script ``sins-env`` or as ``python -m sins_env``.
+_COMMAND = _NAME.endswith(("sins-env", "sins-env.exe")) or (_NAME == "-m" and "sins_env" in _sys.orig_argv)
+
+
+def _said(kind, error, trace):  # type: ignore[no-untyped-def]  # their types would have to be imported
+    """Print what ended the command: one line for Ctrl-C, and a traceback for all else."""
+    if issubclass(kind, KeyboardInterrupt):
+        _sys.stderr.write("sins-env: interrupted\n")
+    else:
+        _sys.__excepthook__(kind, error, trace)
+
+
+if _COMMAND:
+    _sys.excepthook = _said
+
 from importlib import import_module as _import
 from importlib.util import find_spec as _find_spec
 from typing import TYPE_CHECKING as _TYPES

@@ -11,7 +11,7 @@ SOURCES = sorted((ROOT / "sins_env").rglob("*.py")) + sorted((ROOT / "solvers").
 
 #: Layers from the bottom up; a module imports from its own layer or from those below.
 LAYERS = (
-    ("sins_env.arrays", "sins_env.moved", "sins_env.units", "sins_env.__version__"),
+    ("sins_env.arrays", "sins_env.moved", "sins_env.units", "sins_env.__version__", "sins_env._COMMAND"),
     ("sins_env.kernels",),
     ("sins_env.checks", "sins_env.presets", "sins_env.reading", "sins_env.writing"),
     ("sins_env.earth", "sins_env.attitude", "sins_env.specs", "sins_env.states"),

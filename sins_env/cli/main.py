@@ -5,8 +5,8 @@ from __future__ import annotations
 import signal
 from collections.abc import Sequence
 
+from sins_env import _COMMAND
 from sins_env.cli.interrupts import quiet
-from sins_env.cli.starting import COMMAND
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -16,5 +16,5 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return command.execute(argv)
     finally:
-        if COMMAND:  # what is left is the end of the interpreter
+        if _COMMAND:  # what is left is the end of the interpreter
             signal.signal(signal.SIGINT, signal.SIG_IGN)

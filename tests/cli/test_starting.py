@@ -25,7 +25,7 @@ if {name!r} == "end":
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for another process")
 @pytest.mark.parametrize("command", [[str(SCRIPT)], [sys.executable, "-m", "sins_env"]])
-@pytest.mark.parametrize("name", ["sins_env.moved", "sins_env.cli.command", "end"])
+@pytest.mark.parametrize("name", ["sins_env.cli", "sins_env.moved", "sins_env.cli.command", "end"])
 def test_ctrl_c_at_the_edges(tmp_path, command, name):
     (tmp_path / "sitecustomize.py").write_text(PRESSING.format(name=name))
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
