@@ -26,8 +26,8 @@ from solvers.types import Filter, Health
 class Aligner(Integration):
     """The estimator of attitude around a filter, with the :class:`Settings` of the pipeline by name.
 
-    The vertical velocity of the INS is pulled towards the fixes, and the position is the told site. In invariant coordinates
-    there are twelve states instead of ten, with the vertical velocity among them.
+    The vertical velocity of the INS is pulled towards the fixes, and the position is the told site. In invariant and equivariant
+    coordinates there are twelve states instead of ten, with the vertical velocity among them.
 
     Raises:
         ValueError: an unknown setting.
@@ -40,7 +40,7 @@ class Aligner(Integration):
     def __init__(self, filter: Filter[Any], **settings: Any) -> None:
         chosen = build(Settings, settings, "the pipeline").completed(filter, self.default)
         errors: ErrorModel = AlignmentErrors(chosen.model == "exact", chosen.bias_frame == "body")
-        if chosen.coordinates == "invariant":
+        if chosen.coordinates != "euler":
             errors = NavigationErrors(position=False)
         super().__init__(filter, errors, chosen)
 

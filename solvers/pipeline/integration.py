@@ -23,6 +23,7 @@ from solvers.pipeline import coarse as coarse_methods
 from solvers.pipeline import feedback as reset
 from solvers.pipeline import switch_on
 from solvers.pipeline.aiding.aid import Aid
+from solvers.pipeline.errors.equivariant import Equivariant
 from solvers.pipeline.errors.invariant import Euler, Invariant
 from solvers.pipeline.errors.model import ErrorModel
 from solvers.pipeline.settings import Settings
@@ -76,8 +77,9 @@ class Integration(ABC):
         #: Biases of gyro and accelerometer that have been fed back so far, per increment; None if there are none.
         self.bias: tuple[Array, Array] | None = None
         self.belief: Any = None  #: belief of the filter; None before the fine phase
-        invariant = self.settings.coordinates == "invariant"
-        self._coordinates = Invariant(self._earth, pos, states) if invariant else Euler()
+        charts = {"invariant": Invariant, "equivariant": Equivariant}
+        kind = charts.get(str(self.settings.coordinates))
+        self._coordinates = Euler() if kind is None else kind(self._earth, pos, states)
 
     def step(self, obs: Observation) -> Array:
         """Return the estimate at the end of the epoch.

@@ -23,8 +23,9 @@ class Settings:
     ``bias_frame``: axes in which alignment takes the biases as constant, "body" or "nav".
     ``feedback``: "open" leaves the INS alone and corrects its output; "closed" resets the INS after each fix. The default
     is "open" in alignment, as in the thesis, and "closed" in navigation.
-    ``coordinates``: coordinates of the errors that the filter estimates, "euler" or "invariant"
-    (:mod:`solvers.pipeline.errors.invariant`); the default is "euler".
+    ``coordinates``: coordinates of the errors that the filter estimates, "euler", "invariant"
+    (:mod:`solvers.pipeline.errors.invariant`) or "equivariant" (:mod:`solvers.pipeline.errors.equivariant`).
+    The default is "euler".
     ``coarse``: method of the coarse phase, which an unknown start needs (:mod:`solvers.pipeline.coarse`). The default is
     "aided" in alignment and "svd" in navigation. There the vehicle stands still, which "svd" assumes. The velocities
     of fixes, on which "aided" relies, are noisier than that.
@@ -47,8 +48,8 @@ class Settings:
                 choice(name, getattr(self, name), allowed)
         if self.coarse is not None:
             coarse_methods.check_method(self.coarse)
-        if self.coordinates == "invariant":
-            self._refuse("in invariant coordinates")
+        if self.coordinates not in (None, "euler"):
+            self._refuse(f"in {self.coordinates} coordinates")
 
     def navigating(self) -> Settings:
         """Return the settings with the defaults of those that only alignment has."""

@@ -10,15 +10,16 @@ fix find them:
 
 Here c is the number of fixes that R- counts for: it starts at ``k0`` and becomes rho (c + 1) from a fix to the next. In one
 dimension it is twice the alpha of an inverse gamma distribution, whose beta is c R / 2. With a Q that is too small A exceeds P-
-again and again, so that P follows the innovations whatever the told Q.
+again and again, and P grows with the innovations. With ``adapt`` "R" an outlier has little weight, because the R of its fix
+grows with it.
 
 Source: Sarkka & Nummenmaa (2009), doi:10.1109/TAC.2008.2008348 (R); Huang, Zhang, Wu, Li & Chambers (2018),
 doi:10.1109/TAC.2017.2730480 (P and R); docs/mathematics/filters.md#variational-bayes.
 Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., 2n, n).
 Departures:
 
-- R is estimated in units of the told one. What is remembered of it stays within ``floor`` and ``cap``, and an innovation
-  beyond ``gate`` is remembered as if it lay there. The R of the fix itself is unbounded, so that an outlier has no weight.
+- R is estimated in units of the told one. What is remembered of it stays within ``floor`` and ``cap``; a direction told to be
+  without noise keeps none.
 - The degrees of freedom of the inverse-Wishart distributions are c + m + 1 and tau + n + 1, as in Huang's paper. With its
   formula for E[R^-1] the factor of x then has the R above, which is the mean of the distribution.
 - ``tau`` is 10, beyond the 2 to 6 of Huang's paper: with heavy-tailed fixes smaller values cost three runs of sixty.
@@ -78,7 +79,6 @@ class VBCKF(GaussianFilter[VariationalBelief]):
     iterations: int = 5  #: number of iterations at each fix
     floor: float = 1e-4  #: least R, relative to the told one
     cap: float = 1e4  #: largest R, relative to the told one
-    gate: float = 0.999  #: probability that a good innovation lies within the gate; 1: no gate
     root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
 
     def __post_init__(self) -> None:
@@ -90,7 +90,6 @@ class VBCKF(GaussianFilter[VariationalBelief]):
         keep(self, "iterations", whole, least=1, most=1000)
         keep(self, "floor", number, least=0.0, most=1.0)
         keep(self, "cap", number, least=1.0)
-        keep(self, "gate", number, above=0.0, most=1.0)
 
     @cached_property
     def rule(self) -> SigmaPoints:
@@ -110,21 +109,18 @@ class VBCKF(GaussianFilter[VariationalBelief]):
         share_P = 1.0 / (self.tau + 1.0) if "Q" in self.adapt else 0.0
         excess = known = b.excess + 0.0 * told  # before the first fix it does not know its size
         x, first, repaired = self._given(b, b.cov, known, L, me)
-        kept, beyond = noises.gated(first, self.gate)
         for _ in range(self.iterations if self.adapt != "none" else 0):
             y, repaired_y = moments(me.h, x, self.rule)
-            left = me.z - y.mean
-            A = x.cov + _square(x.mean - b.mean)
+            A, B = x.cov + _square(x.mean - b.mean), y.cov + _square(me.z - y.mean)
             P = b.cov + share_P * (A - b.cov)
-            excess = known + share * (unit @ (y.cov + _square(left)) @ unit.mT - told - known)
+            excess = known + share * (unit @ B @ unit.mT - told - known)
             x, _, again = self._given(b, P, excess, L, me)
             repaired = either(either(repaired, repaired_y), again)
         after = b._replace(mean=x.mean, cov=x.cov)
         if "R" in self.adapt:
-            B = unit @ (y.cov + _square(kept[..., None] * left)) @ unit.mT
-            R = noises.bound(told + known + share * (B - told - known), told, self.floor, self.cap, "full")
+            R = noises.bound(told + excess, told, self.floor, self.cap, "full")
             after = after._replace(excess=R - told, share=np.asarray(share)[..., 0, 0])
-        return count(after, repaired, beyond if self.adapt != "none" and beyond.any() else None), first
+        return count(after, repaired), first
 
     def diagnostics(self, b: VariationalBelief) -> dict[str, Array]:
         """Return the variances of the estimated R, in units of the told one, and the number of fixes they count for."""

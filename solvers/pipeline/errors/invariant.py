@@ -37,7 +37,7 @@ from solvers.types import Function, Gaussian, Measurement, Transition
 
 Maps = tuple[Function, Callable[[Array], Array]]  #: a function and its Jacobian
 
-COORDINATES = ("euler", "invariant")
+COORDINATES = ("euler", "invariant", "equivariant")
 SCALE = 0.1  #: size of errors for the steps of numerical Jacobians: 6e-4 deg, 1e-5 m/s and 1e-5 m
 NOTHING = 1e-9  #: size of errors that count as zero for a Jacobian, because rounding leaves them after a reset
 
@@ -86,9 +86,13 @@ class Invariant(Euler):
         held = nav.vel[..., None, :]
         if "dp" in self._states:
             held = np.stack([nav.vel, earth.offset(self._model, self._site, nav.pos)], axis=-2)
-        chart = Chart(held, self._states)
+        chart = self.chart(nav, held)
         self._recent = ((nav, chart), *self._recent[:1])
         return chart
+
+    def chart(self, nav: NavState, held: Array) -> Chart:
+        """Make the change of coordinates at a state of the INS, with what its group holds of it."""
+        return Chart(held, self._states)
 
     def prior(self, x: Gaussian, nav: NavState) -> Gaussian:
         D = self.at(nav).slope()
@@ -119,7 +123,7 @@ class Invariant(Euler):
 
     def reset(self, maps: Maps, before: NavState, after: NavState) -> Maps:
         """Return the reset xi -> log(Exp(-xi_hat) Exp(xi)) and its Jacobian."""
-        g = Reset(self.at(before), maps[0], self.at(after), self._states)
+        g = Reset(self.at(before), maps[0], self.at(after))
         return g, g.jacobian
 
 
@@ -199,15 +203,15 @@ class Seen(Tangent):
     def at_zero(self) -> tuple[Array, Array]:
         zero = np.zeros(self.before.shape)
         y, H = tangent(self.g, zero, zero)
-        return y, np.asarray(group.divided(H, self.before.held))
+        return y, self.before.divided(H)
 
 
 class Reset(Through):
     """The reset xi -> log(Exp(-xi_hat) Exp(xi)), which ``g`` makes of the model's errors."""
 
-    def __init__(self, before: Chart, g: Function, after: Chart, states: Layout) -> None:
+    def __init__(self, before: Chart, g: Function, after: Chart) -> None:
         super().__init__(before, g, after)
-        self._states, self._done = states, (np.empty(0), np.empty(0))
+        self._done = np.empty(0), np.empty(0)
 
     def __call__(self, xi: Array) -> Array:
         if self._done[0] is not xi:  # a filter asks for the Jacobian at the same place
@@ -216,10 +220,10 @@ class Reset(Through):
 
     def value_and_jacobian(self, xi: Array) -> tuple[Array, Array]:
         left = self(xi)
-        J, far = right_jacobian(xi, self._states), away(left)
+        J, far = self.before.right_jacobian(xi), away(left)
         if not np.count_nonzero(far):
             return left, J
-        return left, np.where(far[..., None, None], np.linalg.solve(right_jacobian(left, self._states), J), J)
+        return left, np.where(far[..., None, None], np.linalg.solve(self.before.right_jacobian(left), J), J)
 
 
 @kernel("(3,3),(3),(3),(3),(3),(3,3),(),(),(e),(h,3),(h,3)->(e,e)")
@@ -283,6 +287,14 @@ class Chart:
             m.C, m.dvel_n, m.vel, m.rate_ie, m.rate_en, m.transport, m.gravity_slope, m.dt, si, before.held, self.held
         )
         return F
+
+    def right_jacobian(self, xi: Array) -> Array:
+        """Return J (..., n, n) with Exp(xi + d) = Exp(xi) Exp(J d) to first order in d (..., n)."""
+        return right_jacobian(xi, self._states)
+
+    def divided(self, H: Array) -> Array:
+        """Return H D^-1 (..., m, n) for H (..., m, n), with the slope D of these coordinates."""
+        return np.asarray(group.divided(H, self.held))
 
     def spread_noise(self, Q: Array) -> Array:
         """Return D Q D' (..., n, n) for symmetric Q (..., n, n), with the slope D of these coordinates."""
