@@ -28,7 +28,7 @@ SHELL = [
     if line.startswith("sins-env ")
 ]
 #: The commands that only read a results file; they are given that of ``make board``.
-READERS = ("board", "compare", "report", "export", "verify")
+READERS = ("board", "compare", "report", "export", "verify", "merge")
 #: Settings with which the tasks of the commands are short; what is to hold, holds for HOLD_S seconds.
 SHORTER: dict[str, dict[str, Any]] = {
     "sway-white-v0": {"duration": 30.0},
@@ -112,8 +112,11 @@ def test_shell_line_runs(line, made, tmp_path, monkeypatch, capsys):
             pytest.skip(f"the recording {name} is not in $SINS_ENV_DATA (the project's ../shared/data)")
     (tmp_path / "my_filter.py").write_text(PYTHON[1])
     if words[0] in READERS:
-        to = words[words.index("--db") + 1] if "--db" in words else "results.sqlite"
-        shutil.copy(made[0] / "results.sqlite", tmp_path / to)
+        to = [words[words.index("--db") + 1] if "--db" in words else "results.sqlite"]
+        if words[0] == "merge":
+            to = words[1 : words.index("--db")]
+        for name in to:
+            shutil.copy(made[0] / "results.sqlite", tmp_path / name)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     try:

@@ -40,6 +40,10 @@ _VERIFY_CODES = (
     "Exit code 1: a run differs, or none could be run again. What only the file names is never imported, for it may be a "
     "stranger's: a solver by name must be installed, and a module:Factory must be named with --solver."
 )
+_MERGE_CODES = (
+    "A run that several files have is there once. Exit code 1: runs of one key that differ, or a task with other criteria, "
+    "definition, world or bound; each is named, and nothing is written. Other code and other versions of a task are told."
+)
 _TABLES = (
     "What is printed, ours with its 95 % interval, and a verdict. Runs are kept in DIR/results.sqlite and made once; an "
     "interrupted command goes on where it was."
@@ -148,6 +152,11 @@ def _read_results(verb: Verb) -> None:
     sub.add_argument("--draw", type=number, metavar="N", help=text)
     _add_workers(sub)
     _add_choice(sub)
+
+    sub = verb("merge", "verbs.results_file:merge", "the runs of several results files in a new one", _MERGE_CODES)
+    sub.add_argument("file", nargs="+", metavar="FILE", help="results files, of other machines perhaps")
+    text = f"the new results file (default {DEFAULT_DB})"
+    sub.add_argument("--db", default=DEFAULT_DB, metavar="FILE", help=text)
 
 
 def _publish(verb: Verb) -> None:

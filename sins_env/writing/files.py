@@ -43,7 +43,7 @@ def replacing(paths: Sequence[Path]) -> Iterator[list[Path]]:
 
 def _clear(path: Path) -> None:
     """Remove the temporary files beside ``path`` whose processes have ended."""
-    for old in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
+    for old in path.parent.glob(f".{glob.escape(path.name)}.*.part*"):  # that of SQLite has logs beside it
         if not _runs(old.suffixes[-2][1:]):
             with suppress(OSError):
                 old.unlink()

@@ -1,4 +1,4 @@
-"""Verbs that read a results file: board, report, compare, export, verify; and the hash of a suite seed."""
+"""Verbs that read results files: board, report, compare, export, verify, merge; and the hash of a suite seed."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from sins_env.evaluation.show import error_figure, terminal_tables
 from sins_env.evaluation.show import plain_tables as boards
 from sins_env.evaluation.show.templates import check_jinja2
 from sins_env.evaluation.store import export as exports
+from sins_env.evaluation.store import merging
 from sins_env.evaluation.store import verify as verification
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
@@ -134,6 +135,30 @@ def verify(given: Namespace, console: Console) -> int:
     if not found.runs:
         raise RunFailed(f"{given.db}: no run could be verified")
     print(f"{found.runs} run{'s' * (found.runs != 1)} made again: equal to 1e-9")
+    return 0
+
+
+def merge(given: Namespace, console: Console) -> int:
+    """Merge results files into a new one, and print what its tables will not compare.
+
+    Raises:
+        RunFailed: conflicts; nothing is written then.
+    """
+    try:
+        with Bar(f"merging {len(given.file)} files") as bar:
+            merged = merging.merge(given.file, given.db, bar.update)
+    except merging.Conflicts as error:
+        for text in error.found:
+            remark(text)
+        several = "s" * (len(error.found) != 1)
+        raise RunFailed(
+            f"{len(error.found)} conflict{several}, {given.db} is not written: leave a file out; "
+            "sins-env verify --db FILE shows whose runs can be made again"
+        ) from error
+    for text in merged.remarks:
+        remark(text)
+    again = f", {merged.repeated} rows were there already" if merged.repeated else ""
+    print(f"{given.db}: {merged.runs} run{'s' * (merged.runs != 1)} of {len(given.file)} files{again}")
     return 0
 
 

@@ -1,7 +1,8 @@
 """The results file, an SQLite database with one row per run, which is complete or absent and is found by its key.
 
 The records of ``play`` come in, a chunk at a time; the results of ``score`` go out, as if they had just been played.
-Read ``key``, ``schema``, ``rows``, ``database``, ``store``, ``filling``, then ``export`` and ``verify``.
+Read ``key``, ``schema``, ``rows``, ``database``, ``store``, ``filling``, then ``export``, ``verify`` and
+``merging``.
 """
 
 from sins_env import moved

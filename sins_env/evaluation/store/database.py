@@ -82,13 +82,13 @@ class Database:
 
     def _inspect(self) -> None:
         try:
-            with self._snapshot():
+            with self.snapshot():
                 inspection.inspect(self.connection)
         except ValueError as error:
             raise StoreError(f"{self.path}: {error}") from error
 
     @contextmanager
-    def _snapshot(self) -> Iterator[None]:
+    def snapshot(self) -> Iterator[None]:
         """Read everything in the context from one state of the file, whatever others write meanwhile."""
         if self.connection.in_transaction:
             yield

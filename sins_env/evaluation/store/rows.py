@@ -128,12 +128,15 @@ def changed(before: T, now: T, tolerance: float) -> str:
     return ""
 
 
-def criteria_change(before: Criteria, now: Criteria) -> str:
+STORED_NOW = ("stored", "now")  #: words behind two values that are compared
+
+
+def criteria_change(before: Criteria, now: Criteria, words: tuple[str, str] = STORED_NOW) -> str:
     """Return the first of the criteria that differs, with both values; empty if all are equal but for rounding."""
     name = changed(before, now, 1e-9)
     held, value = (getattr(one, name, None) for one in (before, now))
     held, value = (one.tolist() if isinstance(one, np.ndarray) else one for one in (held, value))
-    return name and f"{name} = {held} stored, {value} now"
+    return name and f"{name} = {held} {words[0]}, {value} {words[1]}"
 
 
 def criteria_of(text: str) -> Criteria:
@@ -224,9 +227,9 @@ def cut(text: str) -> str:
     return text[:MOST_TEXT].encode("utf-8", "backslashreplace")[:MOST_TEXT].decode("utf-8", "ignore")
 
 
-def to_span(row: int, run: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Return the id of the row and the values of SPAN_COLUMNS for a run of a navigation task."""
-    return (row, *_numbers(SPANS, run))
+def to_span(run: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return the values of SPAN_COLUMNS for a run of a navigation task."""
+    return tuple(_numbers(SPANS, run))
 
 
 def _numbers(fields: Sequence[Field], run: Mapping[str, Any]) -> list[float]:
@@ -271,14 +274,14 @@ def to_records(
     if blobs is None:
         fields["history"] = np.empty((len(run), 0, criteria.components), dtype=np.float32)
     else:
-        parts = [_history(blob, criteria, number) for number, blob in zip(run, blobs, strict=True)]
+        parts = [history_of(blob, criteria, number) for number, blob in zip(run, blobs, strict=True)]
         fields["history"] = np.stack(parts).astype(np.float32)
     fields |= {one.name: one.unknown(len(run)) for one in SCORES}
     fields |= {one.name: one.absent(len(run)) for one in SPANS}
     return Records(criteria, **fields | dict(numbers) | {"run": np.array(run, dtype=np.int64)})
 
 
-def _history(blob: Any, criteria: Criteria, run: int) -> Array:
+def history_of(blob: Any, criteria: Criteria, run: int) -> Array:
     """Return a history (S, components) from its blob, of which no more is inflated than the criteria say.
 
     Raises:

@@ -56,6 +56,8 @@ _OF_KEY = " AND ".join(f"{name} = ?" for name in KEY[:-1])
 _TEXTS = columns_of(one for one in TOLD if one.kind == "text")
 _WITH_SPANS = "runs LEFT JOIN spans USING (id)"
 _WITH_HISTORIES = "runs LEFT JOIN histories USING (id)"
+_INSERT_RUN = f"""INSERT OR IGNORE INTO runs ({", ".join(RUN_COLUMNS)})
+    VALUES ({", ".join("?" * len(RUN_COLUMNS))}) RETURNING id"""
 _INSERT_SPAN = f"""INSERT OR REPLACE INTO spans (id, {", ".join(SPAN_COLUMNS)})
     VALUES ({", ".join("?" * (1 + len(SPAN_COLUMNS)))})"""
 
@@ -93,7 +95,6 @@ class Store(Database):
         Raises:
             ValueError: the file's runs of the task were scored by other criteria.
         """
-        marks = ", ".join("?" * len(RUN_COLUMNS))
         with self.explaining(), self.transaction():
             session = self._of_session()
             sql = "INSERT INTO tasks (task, criteria) VALUES (?, ?)"
@@ -106,15 +107,21 @@ class Store(Database):
                     f"{self.path}: runs of {key.task} were scored by other criteria, {change}; they would not compare: "
                     "--db another file"
                 )
-            sql = f"INSERT OR IGNORE INTO runs ({', '.join(RUN_COLUMNS)}) VALUES ({marks}) RETURNING id"
             for run in map(records.row, range(len(records))):
-                new = self.connection.execute(sql, to_row(key, session, run)).fetchone()
-                if new:
-                    self.connection.execute(
-                        "INSERT OR REPLACE INTO histories VALUES (?, ?)", (*new, to_blob(run["history"]))
-                    )
-                    if records.criteria.navigates:
-                        self.connection.execute(_INSERT_SPAN, to_span(new[0], run))
+                span = to_span(run) if records.criteria.navigates else None
+                self.insert(to_row(key, session, run), to_blob(run["history"]), span)
+
+    def insert(self, row: Sequence[Any], history: bytes, span: Sequence[Any] | None) -> bool:
+        """Insert the values of RUN_COLUMNS with a history, and with those of SPAN_COLUMNS in navigation.
+
+        It belongs in a transaction. Return whether the run is new; one that the file has stays as it is.
+        """
+        new = self.connection.execute(_INSERT_RUN, row).fetchone()
+        if new:
+            self.connection.execute("INSERT OR REPLACE INTO histories VALUES (?, ?)", (*new, history))
+            if span is not None:
+                self.connection.execute(_INSERT_SPAN, (*new, *span))
+        return new is not None
 
     def add_task(self, task: EvaluationTask) -> None:
         """Write the definition, digest and bound of a task, so that tables can be made from the file alone.
@@ -214,9 +221,7 @@ class Store(Database):
         with self.explaining():
             numbers = self._read("runs", columns_of(scores), key, runs)
             spans = self._read(_WITH_SPANS, SPAN_COLUMNS, key, runs) if criteria.navigates else None
-            sql = (
-                f"SELECT run, {', '.join(map(_shortened, columns_of(TOLD)))} FROM runs WHERE {_OF_KEY} AND ({TROUBLE})"
-            )
+            sql = f"SELECT run, {', '.join(map(shortened, columns_of(TOLD)))} FROM runs WHERE {_OF_KEY} AND ({TROUBLE})"
             odd = {
                 run: [visible(one, keep=LAYOUT) if isinstance(one, str) else one for one in told]
                 for run, *told in self.connection.execute(sql, key.values)
@@ -252,7 +257,7 @@ class Store(Database):
 
         The columns may be among SPAN_COLUMNS, too.
         """
-        sql = f"SELECT {', '.join(map(_shortened, columns))} FROM {_WITH_SPANS} WHERE {_OF_KEY} ORDER BY run"
+        sql = f"SELECT {', '.join(map(shortened, columns))} FROM {_WITH_SPANS} WHERE {_OF_KEY} ORDER BY run"
         with self.explaining():
             # map keeps the end of an unfinished iteration from closing the cursor, because the file may be closed already
             yield from map(tuple, self.connection.execute(sql, key.values))
@@ -281,7 +286,7 @@ def _missing_bound(task: EvaluationTask, found: str | None) -> Literal["ask"] | 
     return "ask" if own and same and found in (None, digest(own)) else None
 
 
-def _shortened(column: str) -> str:
+def shortened(column: str) -> str:
     """Return the SQL expression that reads a column; of a message or traceback no more than is written today."""
     return f"substr({column}, 1, {MOST_TEXT}) AS {column}" if column in _TEXTS else column
 

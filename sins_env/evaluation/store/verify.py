@@ -28,7 +28,7 @@ from sins_env.evaluation.play.fields import NEES_PARTS, Field
 from sins_env.evaluation.play.records import FIELDS, Records
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.store.key import Key
-from sins_env.evaluation.store.rows import binding, changed, criteria_change, definition_json
+from sins_env.evaluation.store.rows import STORED_NOW, binding, changed, criteria_change, definition_json
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks.catalogue import TASKS
 from sins_env.evaluation.tasks.fingerprint import digest
@@ -167,10 +167,10 @@ def _change(store: Store, name: str) -> str:
     return ""
 
 
-def compare_runs(stored: Records, now: Records) -> list[str]:
-    """Return a line for each run that differs, with the first score that does, and why the run failed now if it did.
+def compare_runs(stored: Records, now: Records, words: tuple[str, str] = STORED_NOW) -> list[str]:
+    """Return a line for each run that differs, with the first score that does, and why the second run failed if it did.
 
-    Timing, texts and histories are not compared.
+    ``words`` stand behind the two values. Timing, texts and histories are not compared.
 
     Raises:
         ValueError: different runs, or another order.
@@ -179,27 +179,29 @@ def compare_runs(stored: Records, now: Records) -> list[str]:
     for i, run in enumerate(stored.run):
         if run != now.run[i]:
             raise ValueError(f"run {now.run[i]}; allowed: the same runs in the same order")
-        text = _difference(stored.row(i), now.row(i), stored.criteria)
-        if text:
+        for name, before, after in _differences(stored.row(i), now.row(i), stored.criteria):
             why = now.row(i)["reason"]
-            out.append(f"run {run}: {text}" + (f" ({why})" if why else ""))
+            out.append(f"run {run}: {name} {before} {words[0]}, {after} {words[1]}" + (f" ({why})" if why else ""))
+            break
     return out
 
 
-def _difference(stored: dict[str, Any], now: dict[str, Any], criteria: Criteria) -> str:
+def _differences(
+    stored: dict[str, Any], now: dict[str, Any], criteria: Criteria
+) -> Iterator[tuple[str, object, object]]:
+    """Yield each score that differs, with both values."""
     for one in FIELDS.values():
         if not one.compared:
             continue
         if one.kind != "number":
             if stored[one.name] != now[one.name]:
-                return f"{one.name} {stored[one.name]} stored, {now[one.name]} now"
+                yield one.name, stored[one.name], now[one.name]
             continue
         before, after = (np.atleast_1d(run[one.name]) for run in (stored, now))
         sizes = _sizes(one, before, stored, criteria)
         for heading, *values in zip(one.headings, before, after, sizes, strict=False):  # some tasks have no such field
-            if text := _unequal(heading, *values):
-                return text
-    return ""
+            if not _equal(*values):
+                yield heading, f"{values[0]:.12g}", f"{values[1]:.12g}"
 
 
 def _sizes(one: Field, before: Array, stored: dict[str, Any], criteria: Criteria) -> Array:
@@ -221,10 +223,8 @@ def _start(criteria: Criteria) -> Array:
     return np.concatenate([sigma, sigma[2:3], np.full(2, sigma[:2].max())])
 
 
-def _unequal(name: str, stored: float, now: float, size: float = 0.0) -> str:
+def _equal(stored: float, now: float, size: float = 0.0) -> bool:
     if (math.isnan(stored) and math.isnan(now)) or stored == now:
-        return ""
+        return True
     close = abs(stored - now) <= TOLERANCE * max(abs(stored), abs(now), size)
-    if close and math.isfinite(stored) and math.isfinite(now):
-        return ""
-    return f"{name} {stored:.12g} stored, {now:.12g} now"
+    return bool(close and math.isfinite(stored) and math.isfinite(now))
