@@ -54,7 +54,7 @@ def test_help_starts_without_the_evaluation():
 
 
 def test_nothing_needs_scipy_stats_to_be_imported():
-    code = "import sys, sins_env.cli.describe.listing, sins_env.cli.verbs.run, sins_env.cli.verbs.reproduce; print(*sys.modules)"
+    code = "import sys, sins_env.evaluation.store.database, sins_env.cli.describe.listing, sins_env.cli.verbs.run, sins_env.cli.verbs.reproduce; print(*sys.modules)"
     assert {"scipy.stats", "matplotlib", "yaml", "filterpy"}.isdisjoint(fresh(code).split())
 
 
