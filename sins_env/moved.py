@@ -163,18 +163,12 @@ def forward(old: str, new: Sequence[str]) -> Callable[[str], Any]:
     """Return a ``__getattr__`` for the module ``old`` that finds its names in the modules ``new``."""
 
     def find(name: str) -> Any:
-        for module in map(importlib.import_module, new) if not (name.startswith("__") or _is_file(old, name)) else ():
+        for module in map(importlib.import_module, new) if not name.startswith("__") else ():
             if hasattr(module, name):
                 return getattr(module, name)
         raise AttributeError(f"module {old!r} has no attribute {name!r}")
 
     return find
-
-
-def _is_file(package: str, name: str) -> bool:
-    """Return whether a package has a module of this name, which is yet to be imported."""
-    folders = vars(sys.modules[package]).get("__path__")
-    return bool(folders) and importlib.machinery.PathFinder.find_spec(f"{package}.{name}", folders) is not None
 
 
 class _Finder:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
-from sins_env.evaluation.store import inspection
+import sins_env.evaluation.store.inspection as inspection  # the package would look for the name in this module
 from sins_env.evaluation.store.schema import MIGRATIONS, REINDEX, SCHEMA, SCHEMA_VERSION, UNINDEX
 
 APPLICATION_ID = 0x53494E53  #: mark of our files in the SQLite header, "SINS"
