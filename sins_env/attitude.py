@@ -21,7 +21,6 @@ from sins_env.kernels.algebra import (
     Quaternion,
     Vector,
     angles,
-    conjugated,
     correction,
     matrix,
     misaligned,
@@ -307,8 +306,17 @@ def misalignment_from_dcm(C: Array, phi: Array) -> None:
 
 @helper
 def error_of(q_computed: Quaternion, q_true: Quaternion) -> Quaternion:
-    """Return the quaternion of the misalignment of a computed attitude: that of C_n^c(phi) = C_hat_nb C_nb'."""
-    return hamilton(q_computed, conjugated(q_true))
+    """Return the quaternion of the misalignment of a computed attitude: that of C_n^c(phi) = C_hat_nb C_nb'.
+
+    The products are summed in pairs that cancel between equal attitudes, so that their misalignment is zero to the bit.
+    """
+    (a, b, c, d), (w, x, y, z) = q_computed, q_true
+    return (
+        a * w + b * x + c * y + d * z,
+        (b * w - a * x) + (d * y - c * z),
+        (c * w - a * y) + (b * z - d * x),
+        (d * w - a * z) + (c * x - b * y),
+    )
 
 
 @kernel("(4),(4)->(3)")
