@@ -13,9 +13,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
+import sins_env.evaluation.store.rows as rows  # the package would look for the name in the module "database"
 from sins_env.evaluation.play.divergence import STATUSES
 from sins_env.evaluation.play.fields import Field
-from sins_env.evaluation.store import rows
 from sins_env.evaluation.store.key import settings_hash
 from sins_env.evaluation.store.schema import KEY, SCHEMA, SCORES, SPANS, TOLD
 
