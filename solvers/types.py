@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
 
 
 class Function(Protocol):
@@ -64,19 +64,22 @@ class NoiseLaw(NamedTuple):
     dof: float = 0.0  #: degrees of freedom of Student-t; 0: no Student-t
 
 
-MISSING = 1e15  #: least variance in R that marks a run without a fix in a batch where other runs have one
+MISSING = 1e15  #: least variance in R that marks a component of a fix as missing
 
 
 class Measurement(NamedTuple):
     """A fix and its model, z = h(x) + v with v ~ N(0, R), equation 000 (3.2.1).
 
-    A run whose R begins with ``MISSING`` or more has no fix in this epoch.
+    A component is missing if ``present`` is False, if its z is NaN, or if its variance in R is ``MISSING`` or more. A run is
+    corrected by the components that are there; one without any has no fix in this epoch.
     """
 
-    z: Array  #: (..., m)
+    z: Array  #: (..., m), or (m,) shared by all runs
     h: Function
     R: Array  #: (..., m, m), or (m, m) shared by all runs
     law: NoiseLaw | None = None  #: distribution of v; None: Gaussian
+    present: Mask | None = None  #: (..., m), or (m,): whether a component is there; None: where z is not NaN
+    turns: Mask | None = None  #: (m,), whether a component is an angle in rad, whose innovation is within half a turn
 
 
 class Moments(NamedTuple):
@@ -88,7 +91,10 @@ class Moments(NamedTuple):
 
 
 class Innovation(NamedTuple):
-    """What a fix told beyond its prediction: z minus the predicted z, and the covariance S of this difference."""
+    """What a fix told beyond its prediction: z minus the predicted z, and the covariance S of this difference.
+
+    Missing components are NaN in both.
+    """
 
     residual: Array  #: (..., m), z minus its prediction
     cov: Array  #: (..., m, m), S with R included

@@ -105,8 +105,9 @@ class _Spread:
     def __call__(self, x: Array) -> Array:
         if x.ndim <= self.axes + 2:  # (*batch, G, n)
             return self.g(x)
-        y = self.g(x.reshape(*x.shape[: self.axes], -1, x.shape[-1]))  # (*batch, G, points, n)
-        return y.reshape(*x.shape[:-1], y.shape[-1])
+        batch, (G, points, n) = x.shape[: self.axes], x.shape[self.axes :]
+        y = self.g(x.reshape(*batch, G * points, n))
+        return y.reshape(*batch, G, points, y.shape[-1])
 
     @property
     def jacobian(self) -> Callable[[Array], Array] | None:

@@ -17,7 +17,8 @@ import numpy as np
 
 from sins_env.arrays import Array, Mask
 from solvers.filters.brief import Brief
-from solvers.types import MISSING, Function, Gaussian, Health, Innovation, Measurement, Transition
+from solvers.filters.inputs import checked_measurement, checked_transition, covariance, picked, unwound
+from solvers.types import Function, Gaussian, Health, Innovation, Measurement, Transition
 
 
 class AnyBelief(Protocol):
@@ -35,6 +36,7 @@ class BatchFilter(Brief, ABC, Generic[B]):
     """Base of the filters: a subclass makes its belief, and predicts and corrects it."""
 
     batched: ClassVar[bool] = True  #: whether the filter takes any batch shape; False: one run, of shape ()
+    one_mean: ClassVar[bool] = True  #: whether the belief has a single mean, near which angles are counted
 
     @abstractmethod
     def init(self, prior: Gaussian, rng: Any = None) -> B:
@@ -57,22 +59,66 @@ class BatchFilter(Brief, ABC, Generic[B]):
         """Do what ``relocate`` does, but without care for runs that it loses."""
 
     def step(self, b: B, tr: Transition, me: Measurement | None) -> tuple[B, Innovation | None]:
-        """Predict, then correct.
+        """Predict, then correct with the components of the fix that are there.
 
-        A run without a fix, in a batch where others have one, has ``MISSING`` in its R and only predicts.
         A run that turns non-finite is frozen at its last good belief and marked in ``health``. From then on
         its innovation is NaN. It does not affect the other runs.
+
+        Raises:
+            ValueError: shapes that do not fit, or a Q or R that is no covariance.
         """
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # such runs are marked instead
-            x = self.predict(b, tr)
-            if me is None:
-                return settle(b, x), None
-            y, innovation = self.correct(x, me)
-            absent = np.asarray(me.R[..., 0, 0] >= MISSING)
-            after = settle(b, mixed(absent, x, y) if np.count_nonzero(absent) else y)
+            tr, me = self.checked(b, tr, me)
+            return self.advance(b, tr, me)
+
+    def checked(self, b: B, tr: Transition, me: Measurement | None) -> tuple[Transition, Measurement | None]:
+        """Return transition and measurement in the form of solvers/filters/inputs.py.
+
+        Raises:
+            ValueError: see ``step``.
+        """
+        batch, n = b.health.failed_at.shape, self.states(b)
+        return checked_transition(tr, batch, n), None if me is None else checked_measurement(me, batch, n)
+
+    def states(self, b: B) -> int:
+        """Return the number of states."""
+        return b.mean.shape[-1]  # type: ignore[attr-defined]
+
+    def advance(self, b: B, tr: Transition, me: Measurement | None) -> tuple[B, Innovation | None]:
+        """Do what ``step`` does, for a transition and a measurement that are checked."""
+        x = self.predict(b, tr)
+        if me is None:
+            return settle(b, x), None
+        y, innovation = self.corrected(x, me)
+        after = settle(b, y)
         if after.health.frozen:
             innovation = _blank(innovation, after.health.failed_at >= 0)
         return after, innovation
+
+    def corrected(self, b: B, me: Measurement) -> tuple[B, Innovation]:
+        """Correct each run by the components of a checked fix that it has; runs that miss the same ones go together."""
+        if me.present is None:
+            return self.correct(b, self.unwound(b, me))
+        m = me.z.shape[-1]
+        after, innovation = b, Innovation(np.full(me.z.shape, np.nan), np.full((*me.z.shape, m), np.nan))
+        for rows in np.unique(me.present.reshape(-1, m), axis=0):
+            if not rows.any():
+                continue
+            here = np.asarray((me.present == rows).all(axis=-1))
+            y, seen = self.correct_rows(b, me._replace(z=np.where(np.isnan(me.z), 0.0, me.z)), rows)
+            after = mixed(here, y, after)
+            innovation = filled(innovation, here, rows, seen)
+        return after, innovation
+
+    def correct_rows(self, b: B, me: Measurement, rows: Mask) -> tuple[B, Innovation]:
+        """Correct all runs by the components in the mask (m,) alone."""
+        if not rows.all():
+            me = picked(me, rows)
+        return self.correct(b, self.unwound(b, me))
+
+    def unwound(self, b: B, me: Measurement) -> Measurement:
+        """Return a checked measurement whose angles lie near the fix."""
+        return me if me.turns is None else unwound(me, self.estimate(b).mean if self.one_mean else None)
 
     def relocate(self, b: B, g: Function, jac: Callable[[Array], Array]) -> B:
         """Move every mean x to g(x) and every covariance P to J(x) P J(x)', as feedback into the INS asks.
@@ -102,15 +148,16 @@ def initial_gaussian(prior: Gaussian) -> Gaussian:
     """Copy ``prior`` to mean (..., n) and covariance (..., n, n); the covariance may be one (n, n) for all runs.
 
     Raises:
-        ValueError: the shapes do not fit.
+        ValueError: the shapes do not fit, or the covariance is none.
     """
     mean = np.array(prior.mean, dtype=float)
-    n = mean.shape[-1] if mean.ndim else 0
-    given = np.shape(prior.cov)
-    if n == 0 or given not in ((*mean.shape, n), (n, n)):
+    n, given = mean.shape[-1] if mean.ndim else 0, np.shape(prior.cov)
+    if n == 0 or (given not in ((*mean.shape, n), (n, n)) and (n != 1 or given not in ((), (1,)))):
         needed = (*mean.shape, n)
         raise ValueError(f"prior mean of shape {mean.shape}: the covariance must be {needed}, given {given}")
-    return Gaussian(mean, np.array(np.broadcast_to(prior.cov, (*mean.shape, n)), dtype=float))
+    with np.errstate(invalid="ignore", over="ignore"):
+        cov = covariance("prior covariance", prior.cov, mean.shape[:-1], n)
+    return Gaussian(mean, np.array(np.broadcast_to(cov, (*mean.shape, n))))
 
 
 def count(b: B, repairs: Mask | None = None, fallbacks: Mask | None = None) -> B:
@@ -141,7 +188,8 @@ def fall_back(where: Mask, b: B, other: B) -> B:
 def settle(before: B, after: B) -> B:
     """Return ``after`` in the runs that are finite and not frozen, and ``before`` in the others."""
     epoch, _, failed_at, _, frozen = before.health
-    health = after.health._replace(epoch=epoch + 1)
+    _, repairs, failed, fallbacks, lost = after.health
+    health = Health(epoch + 1, repairs, failed, fallbacks, lost)
     if not frozen and _finite(after):
         return cast(Any, after)._replace(health=health)
     well = (failed_at < 0) & _finite_runs(after)
@@ -180,8 +228,14 @@ def _arrays(b: Any) -> Iterator[Array]:
 
 
 def _finite(b: Any) -> bool:
-    """Return whether all runs are finite, by one sum per array; a sum that overflows gives False too."""
-    return all(math.isfinite(np.add.reduce(a, axis=None)) for a in _arrays(b))
+    """Return whether all runs are finite, by one sum of squares per array; one that overflows gives False too."""
+    for part in b:
+        if type(part) is np.ndarray:
+            if part.dtype.kind == "f" and not math.isfinite(np.vdot(part, part)):
+                return False
+        elif type(part) is not Health and not all(math.isfinite(np.vdot(a, a)) for a in _arrays((part,))):
+            return False
+    return True
 
 
 def _finite_runs(b: Any) -> Mask:
@@ -194,6 +248,15 @@ def _finite_runs(b: Any) -> Mask:
 
 def _finite_rows(a: Array, axes: int) -> Mask:
     return np.asarray(np.isfinite(a).all(axis=tuple(range(axes, a.ndim))))
+
+
+def filled(innovation: Innovation, here: Mask, rows: Mask, seen: Innovation) -> Innovation:
+    """Return the innovation with that of the components ``rows`` (m,) in the runs of the mask (...)."""
+    at = np.flatnonzero(rows)
+    residual, cov = innovation.residual.copy(), innovation.cov.copy()
+    residual[..., at] = np.where(here[..., None], seen.residual, residual[..., at])
+    cov[..., at[:, None], at] = np.where(here[..., None, None], seen.cov, cov[..., at[:, None], at])
+    return Innovation(residual, cov)
 
 
 def _blank(innovation: Innovation, frozen: Mask) -> Innovation:

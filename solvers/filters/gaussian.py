@@ -17,6 +17,7 @@ from sins_env.arrays import Array
 from solvers.blocks.conditioning import condition
 from solvers.blocks.moments import MomentRule, linear_moments, moments, transform
 from solvers.filters.base import BatchFilter, count, initial_gaussian, initial_health
+from solvers.filters.inputs import wrapped
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
 
 
@@ -62,7 +63,8 @@ class GaussianFilter(BatchFilter[B]):
         """Return the belief after a measurement and the innovation; points are drawn anew about the prediction."""
         prior = Gaussian(b.mean, b.cov)
         y, repaired = moments(me.h, prior, self.rule)
-        x, innovation, repaired_S = condition(prior, y._replace(cov=y.cov + me.R), me.z)
+        z = me.z if me.turns is None else y.mean + wrapped(me.z - y.mean, me.turns)
+        x, innovation, repaired_S = condition(prior, y._replace(cov=y.cov + me.R), z)
         return count(count(b._replace(mean=x.mean, cov=x.cov), repaired), repaired_S), innovation
 
     def estimate(self, b: B) -> Gaussian:

@@ -243,7 +243,7 @@ def test_every_gaussian_filter_smooths(name):
 def test_a_frozen_run_is_smoothed_up_to_its_last_good_state():
     p = linear(12, 4, 2, batch=(3,), steps=20, missing=0.0)
     p.z[9] = p.z[9].copy()
-    p.z[9][1] = np.nan
+    p.z[9][1] = np.inf
     steps = steps_of(p)
     flt = make_filter("ckf")
     got = smooth(flt, Gaussian(p.x, p.P), steps)

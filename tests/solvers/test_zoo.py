@@ -129,7 +129,7 @@ def test_a_lost_run_freezes_alone(name, settings):
     p = linear(3, 4, 2, batch=(5,), steps=25, missing=0.0)
     flt = make_filter(name, **settings)
     z = [z.copy() for z in p.z]
-    z[9][3] = np.nan
+    z[9][3] = np.inf
     z[20][1, 0] = np.inf
     clean, hit = play(flt, p, opaque), play(flt, p, opaque, z)
     others = [0, 2, 4]
@@ -192,7 +192,7 @@ def test_one_run_that_is_lost_says_so(name, settings):
     p = linear(5, 4, 2, steps=10, missing=0.0)
     flt = make_filter(name, **settings)
     clean = play(flt, p)
-    p.z[6][:] = np.nan
+    p.z[6][:] = np.inf
     hit = play(flt, p)
     health = hit[-1][0].health
     assert (health.failed_at, health.epoch, health.frozen) == (7, 10, True)
@@ -231,7 +231,7 @@ def test_relocation_on_a_linear_map_is_exact(name, settings, batch):
 def test_relocation_moves_frozen_runs_and_freezes_those_it_loses(name, settings):
     p = linear(9, 4, 2, batch=(3,))
     flt = make_filter(name, **settings)
-    p.z[0] = np.where(np.arange(3)[:, None] == 0, np.nan, 1.0) * np.ones(2)
+    p.z[0] = np.where(np.arange(3)[:, None] == 0, np.inf, 1.0) * np.ones(2)
     b = play(flt, p, z=p.z[:1])[0][0]
     bad = np.array([1.0, 1.0, np.nan])
     moved = flt.relocate(b, lambda x: (x + 1.0) * bad.reshape(3, *[1] * (x.ndim - 1)), lambda x: np.eye(4))

@@ -79,8 +79,8 @@ class AugmentedAUKF(WindowedFilter):
         b = super().init(prior, rng)
         return AugmentedBelief(*b, np.zeros((*b.mean.shape[:-1], 1, 1)), 0)
 
-    def step(self, b: Any, tr: Transition, me: Measurement | None) -> tuple[Any, Innovation | None]:
-        return super().step(b if me is None else b._replace(n_v=me.z.shape[-1]), tr, me)
+    def advance(self, b: Any, tr: Transition, me: Measurement | None) -> tuple[Any, Innovation | None]:
+        return super().advance(b if me is None else b._replace(n_v=me.z.shape[-1]), tr, me)
 
     def propagate(self, b: Any, tr: Transition) -> Any:
         S, repaired = ROOTS[self.root](b.cov)

@@ -78,7 +78,7 @@ class WindowedFilter(AdaptiveFilter):
         m, b = self.window
         first = (k == self.k0 + 1) | (past.shape[-2] != m)
         past = past.copy()
-        if first.any():  # at the first fix all slots hold the told noise
+        if first.any() or not first.size:  # at the first fix all slots hold the told noise
             past = np.where(first[..., None, None], np.repeat(now[..., None, :], m, axis=-2), past)
         if (k == k.max(initial=0)).all():  # usually all runs had the same number of fixes, which is faster
             past[..., k.max(initial=0) % m, :] = new

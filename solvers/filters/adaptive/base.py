@@ -38,7 +38,7 @@ from solvers.blocks.sigma_rules import Unscented
 from solvers.blocks.square_root import indefinite
 from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
-from solvers.types import Gaussian, Health, Innovation, Measurement, Transition
+from solvers.types import MISSING, Gaussian, Health, Innovation, Measurement, Transition
 
 PARTS = ("q", "Q", "r", "R")
 Past = tuple[Array, Array]  #: remembered statistics of a mean and of a covariance, each (..., slots, elements)
@@ -183,13 +183,39 @@ class AdaptiveFilter(GaussianFilter[Any]):
             x = self._learn(b, x, innovation, me.R)
         return x._replace(fixes=b.fixes + 1, idle=np.zeros_like(b.idle)), innovation
 
+    def correct_rows(self, b: AdaptiveBelief, me: Measurement, rows: Mask) -> tuple[AdaptiveBelief, Innovation]:
+        """Correct by the components in the mask (m,); what is known of the noise of the others stays."""
+        if rows.all():
+            return super().correct_rows(b, me, rows)
+        at, m = np.flatnonzero(rows), len(rows)
+        untold = noises.variances(me.R) >= MISSING  # a variance that only marks what is missing; zero: not known yet
+        R = np.where(untold[..., :, None] | untold[..., None, :], 0.0, me.R)
+        noise, past = b.noise._replace(v=self._told_v(b, R)), b.past[1]
+        cells = at if self.project == "diagonal" else (m * at[:, None] + at).ravel()  # of a covariance in the memory
+        known = tuple(_memory(new, old) for new, old in zip((noise.v.mean, self._flat(noise.v.cov)), past, strict=True))
+        part = Gaussian(noise.v.mean[..., at], noise.v.cov[..., at[:, None], at])
+        few = known[0][..., at], known[1][..., cells]
+        x, seen = super().correct_rows(b._replace(noise=noise._replace(v=part), past=(b.past[0], few)), me, rows)
+        v = Gaussian(noise.v.mean.copy(), noise.v.cov.copy())
+        v.mean[..., at], v.cov[..., at[:, None], at] = x.noise.v
+        kept = tuple(_memory(old, new) for old, new in zip(known, x.past[1], strict=True))
+        for memory, places, new in zip(kept, (at, cells), x.past[1], strict=True):
+            memory[..., places] = new
+        return x._replace(noise=x.noise._replace(v=v), past=(x.past[0], kept)), seen
+
+    def _flat(self, cov: Array) -> Array:
+        """Return the elements of a covariance that the memory holds."""
+        return noises.variances(cov) if self.project == "diagonal" else cov.reshape(*cov.shape[:-2], -1)
+
     def _told_v(self, b: AdaptiveBelief, R: Array) -> Gaussian:
         """Return the noise v that is assumed before this fix; it is the told one before the first."""
         v, new = b.noise.v, b.fixes == self.k0
         if "R" not in self.adapted or new.all():
             v = v._replace(cov=_each(R, b))
-        elif new.any():
-            v = v._replace(cov=np.where(new[..., None, None], R, v.cov))
+        else:  # a component that was missing so far has no variance yet
+            unknown = new[..., None] | (noises.variances(v.cov) == 0.0)
+            if unknown.any():
+                v = v._replace(cov=np.where(unknown[..., :, None] | unknown[..., None, :], R, v.cov))
         return v._replace(mean=np.where(new[..., None], np.zeros(v.cov.shape[:-1]), v.mean)) if new.any() else v
 
     def diagnostics(self, b: AdaptiveBelief) -> dict[str, Array]:
@@ -246,6 +272,19 @@ class AdaptiveFilter(GaussianFilter[Any]):
 
     def _indefinite(self, part: str, cov: Array) -> Mask | None:
         return indefinite(cov) if self.project == "none" and part in self.adapted else None
+
+
+def _memory(elements: Array, past: Array) -> Array:
+    """Return a memory (..., slots, s) for elements (..., s) or a memory of them, with as many slots as ``past``."""
+    if elements.ndim < past.ndim:
+        elements = elements[..., None, :]
+    if past.shape[-1] == elements.shape[-1] and past.shape[-2] != 1:
+        return past.copy()
+    return (
+        np.repeat(elements[..., :1, :], past.shape[-2], axis=-2)
+        if elements.shape[-2] != past.shape[-2]
+        else elements.copy()
+    )
 
 
 def _each(matrix: Array, b: AdaptiveBelief) -> Array:

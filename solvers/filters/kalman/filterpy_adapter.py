@@ -21,9 +21,10 @@ import scipy.linalg
 from sins_env.arrays import Array
 from solvers.blocks.moments import standard_deviations, tangent
 from solvers.blocks.sigma_rules import Unscented
-from solvers.filters.base import settle
+from solvers.filters.base import filled, settle
 from solvers.filters.brief import Brief
 from solvers.filters.gaussian import Belief, GaussianFilter, initial_belief
+from solvers.filters.inputs import checked_measurement, checked_transition, picked, unwound, wrapped
 from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Function, Gaussian, Innovation, Measurement, Transition
@@ -68,7 +69,26 @@ class FilterpyFilter(Brief, ABC):
         return initial_belief(prior)
 
     def step(self, b: Belief, tr: Transition, me: Measurement | None) -> tuple[Belief, Innovation | None]:
-        """Predict, then correct; a run on which filterpy fails is frozen and marked."""
+        """Predict, then correct; a run on which filterpy fails is frozen and marked.
+
+        Raises:
+            ValueError: shapes that do not fit, or a Q or R that is no covariance.
+        """
+        with np.errstate(invalid="ignore", over="ignore"):
+            n = b.mean.shape[-1]
+            tr = checked_transition(tr, (), n)
+            if me is None:
+                return self._stepped(b, tr, None)
+            me = checked_measurement(me, (), n)
+        rows = me.present
+        if rows is None:
+            return self._stepped(b, tr, unwound(me, None))
+        after, seen = self._stepped(b, tr, unwound(picked(me, rows), None) if rows.any() else None)
+        blank = Innovation(np.full(rows.shape, np.nan), np.full((*rows.shape, rows.size), np.nan))
+        return after, blank if seen is None else filled(blank, np.ones((), dtype=bool), rows, seen)
+
+    def _stepped(self, b: Belief, tr: Transition, me: Measurement | None) -> tuple[Belief, Innovation | None]:
+        """Do what ``step`` does, for a transition and a measurement that are checked and complete."""
         lost = Gaussian(np.full_like(b.mean, np.nan), b.cov), None
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             try:
@@ -109,7 +129,8 @@ class FilterpyKF(FilterpyFilter):
         o.predict(u=start, B=np.eye(n), F=F, Q=tr.Q)
         if me is not None:
             constant, o.H = tangent(me.h, origin, standard_deviations(o.P))
-            o.update(me.z - constant, R=me.R)
+            predicted = o.H @ o.x
+            o.update(predicted + wrapped(me.z - constant - predicted, me.turns), R=me.R)
         return o
 
 

@@ -55,7 +55,7 @@ def slices(variance: Array, spacing: float, most: int) -> tuple[Array, Array, Ar
     reach = np.minimum(3.0 * sigma, 0.5 * TURN)
     number = np.where(sigma > 0.5 * spacing, np.clip(np.ceil(2.0 * reach / spacing), 1, most), 1.0)[..., None]
     half = reach[..., None] / number  # standard deviation of a slice: half its width
-    j = np.arange(int(number.max()))
+    j = np.arange(int(number.max(initial=1.0)))
     offset = (2.0 * j + 1.0 - number) * half
     rest = np.maximum(variance[..., None] - half**2, 0.0)  # variance that is left to the offsets
     scale = 0.5 / np.where(number > 1.0, np.maximum(rest, 0.25 * half**2), 1.0)

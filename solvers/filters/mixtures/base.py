@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -38,6 +38,8 @@ B = TypeVar("B", bound=Any)  #: a Mixture, or a NamedTuple with the fields of on
 @dataclass(frozen=True)
 class MixtureFilter(BatchFilter[B]):
     """Base of the filters whose belief is a Gaussian mixture; a subclass gives the ``rule`` of its components."""
+
+    one_mean: ClassVar[bool] = False
 
     @cached_property
     def rule(self) -> MomentRule:

@@ -91,12 +91,11 @@ class GSFEKF(MixtureFilter[Bank]):
             raise refused("axis", self.axis, f"None, or a whole number < {b.mean.shape[-1]}, the number of states")
         return Bank(*b, axis=np.full(b.weights.shape[:-1], -1))
 
-    def step(self, b: Bank, tr: Transition, me: Measurement | None) -> tuple[Bank, Innovation | None]:
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            if b.health.epoch == 0:
-                b = self.cut(b, tr.f)
-            after, innovation = super().step(b, tr, me)
-            return self.tidy(after), innovation
+    def advance(self, b: Bank, tr: Transition, me: Measurement | None) -> tuple[Bank, Innovation | None]:
+        if b.health.epoch == 0:
+            b = self.cut(b, tr.f)
+        after, innovation = super().advance(b, tr, me)
+        return self.tidy(after), innovation
 
     def estimate(self, b: Bank) -> Gaussian:
         """Return mean (..., n) and covariance (..., n, n) about the best component, or that component alone."""
@@ -146,7 +145,7 @@ class GSFEKF(MixtureFilter[Bank]):
         weights = np.where(top, weight[..., None], np.where(active & ~near, b.weights, 0.0))
         weights = np.where(well, weights / summed(weights)[..., None], weights)
         keep = weights > 0.0
-        order = np.argsort(~keep, axis=-1, kind="stable")[..., : max(int(keep.sum(axis=-1).max()), 1)]
+        order = np.argsort(~keep, axis=-1, kind="stable")[..., : int(keep.sum(axis=-1).max(initial=1))]
         from_best = (top | ~keep)[..., None]
         mean = np.where(from_best, one.mean[..., None, :], b.mean)
         cov = np.where(from_best[..., None], one.cov[..., None, :, :], b.cov)

@@ -31,6 +31,7 @@ from solvers.blocks.sigma_rules import Cubature
 from solvers.blocks.square_root import cholesky, finite_items, symmetrize
 from solvers.filters.base import choose, count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
+from solvers.filters.inputs import wrapped
 from solvers.filters.particles.importance import LIKELIHOODS, law_for, log_density, stand_in, through
 from solvers.filters.particles.planes import cloud_moments
 from solvers.filters.particles.random_points import MATCHING, Keys, check_enough, draw, particle_count, run_keys
@@ -130,7 +131,7 @@ class GaussianParticles(GaussianFilter[Belief]):
         """Return the moments of the weighted particles, their effective sample size as a share, and the repaired runs."""
         q = self.proposal(prior, kalman, law)
         x, repaired = self.drawn(q, b, CORRECT)
-        log_w = log_density(me.z[..., None, :] - through(h, x, self.memory_mb), me.R, law)
+        log_w = log_density(wrapped(me.z[..., None, :] - through(h, x, self.memory_mb), me.turns), me.R, law)
         if q is not prior:
             log_w += log_density(x - prior.mean[..., None, :], prior.cov)
             log_w -= log_density(x - q.mean[..., None, :], q.cov)

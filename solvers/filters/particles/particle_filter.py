@@ -50,6 +50,9 @@ class ParticleFilter(BatchFilter[Any]):
         keep(self, "resample", number, least=self.min_ess, most=1.0)
         keep(self, "memory_mb", number, above=0.0)
 
+    def states(self, b: Any) -> int:
+        return int(b.x.shape[-1])
+
     def start(self, prior: Gaussian, rng: Any, share: float = 1.0) -> tuple[Gaussian, Cloud]:
         """Return the prior as arrays, and particles that carry ``share`` of its covariance."""
         x = initial_gaussian(prior)

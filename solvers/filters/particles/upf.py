@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from solvers.blocks.moments import Linearized, MomentRule, SigmaPoints, moments,
 from solvers.blocks.sigma_rules import Unscented
 from solvers.blocks.square_root import any_of, cholesky, symmetrize
 from solvers.filters.base import count
+from solvers.filters.inputs import wrapped
 from solvers.filters.particles.importance import (
     bandwidth,
     fit,
@@ -63,6 +64,8 @@ class Swarm(NamedTuple):
 @dataclass(frozen=True)
 class KalmanParticles(ParticleFilter):
     """Base of the filters whose particles are Gaussians; a subclass gives the ``rule`` of the filter in each particle."""
+
+    one_mean: ClassVar[bool] = False
 
     particles: int = 200  #: number of particles
     kernel: float | None = None  #: share of the covariance that the P_i carry; None: the best for a Gaussian
@@ -100,7 +103,8 @@ class KalmanParticles(ParticleFilter):
         S, repaired_P = cholesky(hat.cov)
         N = normals("random", b.key, b.health.epoch, PREDICT, *b.x.shape[-2:])
         x, lost = fit(_drawn(hat.mean, S, N), _mixture(before, *hat), before)
-        log_w = b.log_w + log_density(me.z[..., None, :] - through(me.h, x, self.memory_mb), me.R, law)
+        v = wrapped(me.z[..., None, :] - through(me.h, x, self.memory_mb), me.turns)
+        log_w = b.log_w + log_density(v, me.R, law)
         log_w += log_normal(x - prior.mean, cholesky(prior.cov)[0]) - log_normal(x - hat.mean, S)
         w, _ = normalise(log_w)
         number = effective(w)
@@ -129,7 +133,7 @@ class KalmanParticles(ParticleFilter):
 
     def sliced(self, g: Function) -> Function:
         """Return g in slices that fit in memory, unless it is linear or has a Jacobian of its own."""
-        if isinstance(g, Linear) or hasattr(g, "jacobian"):
+        if isinstance(g, Linear) or getattr(g, "jacobian", None) is not None:
             return g
         return partial(through, g, memory_mb=self.memory_mb)
 

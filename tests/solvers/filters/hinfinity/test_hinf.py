@@ -231,7 +231,7 @@ def test_a_frozen_run_does_not_raise(name):
     flt = make_filter(name, gamma2=40.0, **WIDE)
     b = flt.init(Gaussian(p.x, p.P))
     for k, z in enumerate(p.z[:8]):
-        z = np.where((k == 3) & (np.arange(2) == 1)[:, None], np.nan, z)
+        z = np.where((k == 3) & (np.arange(2) == 1)[:, None], np.inf, z)
         Q = p.Q * np.array([1.0, 1e3 if k > 3 else 1.0])[:, None, None]
         b, _ = flt.step(b, Transition(Linear(p.F, p.c), Q), Measurement(z, Linear(p.H, p.d), p.R))
     np.testing.assert_array_equal(b.health.failed_at, [-1, 4])

@@ -231,7 +231,7 @@ def test_every_run_of_a_batch_is_the_run_alone():
     each = [prior(sigma) for sigma in (3.0, 15.0, 104.0, 40.0)]
     x = Gaussian(np.stack([p.mean for p in each]), np.stack([p.cov for p in each]))
     z = rng.standard_normal((60, 4, 2)) + np.array([1.0, 2.0])
-    z[20, 3] = np.nan
+    z[20, 3] = np.inf
     flt = make_filter("gsf_ekf")
     whole = play(flt, x, z)
     assert whole[0][2].weights.shape == (4, 30)

@@ -99,12 +99,14 @@ def test_noise_that_belongs_to_each_run_may_be_singular(name):
 
 
 def test_an_indefinite_noise_is_repaired_and_counted():
+    """No model can tell one, but what a filter is given by another one may be."""
     flt = make_filter("ddf2")
     Q = np.stack([np.eye(4), np.diag([1.0, 1.0, 1.0, -0.5])])
     b = flt.init(Gaussian(np.zeros((2, 4)), np.eye(4)))
-    b, _ = flt.step(b, Transition(swing, Q), Measurement(np.zeros(2), look, np.diag([1.0, -1.0])))
+    b = flt.predict(b, Transition(swing, Q))
+    b, _ = flt.correct(b, Measurement(np.zeros(2), look, np.diag([1.0, -1.0])))
     np.testing.assert_array_equal(b.health.repairs, [1, 2])
-    np.testing.assert_array_equal(b.health.failed_at, [-1, -1])
+    assert np.isfinite(b.root).all()
 
 
 def test_a_measurement_without_noise_leaves_no_variance():

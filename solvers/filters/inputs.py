@@ -1,0 +1,291 @@
+"""What a step is given: its shapes are checked, and fixes are brought into the form that the filters take.
+
+``checked_transition`` and ``checked_measurement`` refuse what does not fit and convert what fits in one way only. Afterwards
+arrays are arrays, each function is checked at each call, and ``present`` is None or marks the components that are there.
+``picked`` leaves the other components out. ``unwound`` brings angles near the fix, so that no rule sees a jump of a full turn.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from sins_env.arrays import Array, Mask
+from sins_env.kernels import helper, kernel
+from solvers.types import MISSING, Function, Linear, Measurement, Transition
+
+TURN = 2.0 * math.pi  #: rad, a full turn
+BEYOND = 1e-6  #: excess of a covariance over what its variances allow, relative, from which it is refused
+
+Shape = tuple[int, ...]
+
+
+class _Sound:
+    """The matrices (n, n) that were last found sound. Models often tell the same ones at each step, which saves the search."""
+
+    Q: Array | None = None  #: a covariance
+    R: Array | None = None  #: a covariance without missing components
+
+
+def checked_transition(tr: Transition, batch: Shape, n: int) -> Transition:
+    """Return the transition of ``n`` states with Q as an array and a function that is checked at each call.
+
+    Raises:
+        ValueError: a shape that does not fit, or a Q that is no covariance.
+    """
+    f, Q, G, dt = tr
+    if Q is not _Sound.Q or Q.shape != (n, n):
+        Q = covariance("Q", Q, batch, n)
+        _Sound.Q = Q if Q.ndim == 2 else None
+    if G is not None and (np.ndim(G) != 2 or np.shape(G)[0] != n):
+        raise ValueError(f"G of shape {np.shape(G)}: needed ({n}, p), a column for each of the p driven directions")
+    g = _linear("f", f, batch, n, n) if type(f) is Linear else Checked("f", f, n)
+    return tr if g is f and Q is tr.Q else Transition(g, Q, G, dt)
+
+
+def checked_measurement(me: Measurement, batch: Shape, n: int) -> Measurement:
+    """Return the measurement with z (..., m) and R as arrays, and ``present`` (..., m) if any component is missing.
+
+    A component is missing if ``present`` says so, if its z is NaN, or if its variance in R is ``MISSING`` or more.
+
+    Raises:
+        ValueError: a shape that does not fit, or an R that is no covariance.
+    """
+    z, h, R, law, told, turns = me
+    if type(z) is not np.ndarray or not z.ndim or z.dtype != np.float64:
+        z = np.atleast_1d(np.asarray(z, dtype=float))
+    if type(h) is Linear:
+        h = _linear("h", h, batch, None, n)
+        m = h.matrix.shape[-2]
+    else:
+        m = z.shape[-1]
+        h = Checked("h", h, m)
+    if z.shape != (*batch, m):
+        z = _vector("z", z, batch, m)
+    if told is not None:
+        z = np.where(_vector("present", told, batch, m, bool), z, np.nan)
+    if turns is not None:
+        turns = _vector("turns", turns, (), m, bool)
+    there = None
+    if R is not _Sound.R or R.shape != (m, m) or not math.isfinite(np.vdot(z, z)):
+        R = square("R", R, batch, m)
+        found = _found(z, R)
+        if not np.count_nonzero(found):
+            _Sound.R = R if R.ndim == 2 else None
+        elif np.count_nonzero(found == IMPROPER):
+            _refuse_covariance("R", R)
+        else:
+            there = found != MISSES
+    return Measurement(z, h, R, law, there, turns)
+
+
+MISSES, IMPROPER = 1, 2  #: what ``_found`` tells of a component: it is missing, or R is no covariance
+
+
+@helper
+def _improper(P: Array, i: int) -> bool:
+    """Return whether row i of P, up to its diagonal, belongs to no covariance; NaN belongs to any."""
+    if P[i, i] < 0.0:
+        return True
+    for j in range(i):
+        a, b, c = P[i, i], P[j, j], P[i, j]
+        t = a if a > b else b
+        if c * c > (1.0 + BEYOND) * a * b + 1e-12 * t * t or abs(c - P[j, i]) > BEYOND * t:
+            return True
+    return False
+
+
+@kernel("(n,n)->()", "d?")
+def improper(P: Array, out: Mask) -> None:
+    """Return whether P (..., n, n) is no covariance: a negative variance, a correlation beyond 1, or not symmetric."""
+    out[0] = False
+    for i in range(len(P)):
+        if _improper(P, i):
+            out[0] = True
+
+
+@kernel("(m),(m,m)->(m)", "ddq")
+def _found(z: Array, R: Array, out: Any) -> None:
+    """Fill in what is wrong with each component of a fix: nothing is 0."""
+    for i in range(len(z)):
+        out[i] = 0
+        if _improper(R, i):
+            out[i] = IMPROPER
+        elif z[i] != z[i] or R[i, i] >= MISSING:
+            out[i] = MISSES
+
+
+def square(name: str, given: Any, batch: Shape, n: int) -> Array:
+    """Return a matrix (n, n) for all runs, or (*batch, n, n), as an array; for n = 1 a single number is one.
+
+    Raises:
+        ValueError: another shape.
+    """
+    if type(given) is np.ndarray and given.shape == (n, n) and given.dtype == np.float64:
+        return given
+    a = np.asarray(given, dtype=float)
+    if n == 1 and a.size == 1 and a.ndim < 2:
+        a = a.reshape(1, 1)
+    if a.shape not in ((n, n), (*batch, n, n)):
+        hint = f"; variances alone are np.diag({name})" if a.shape == (n,) else ""
+        raise ValueError(f"{name} of shape {a.shape}: needed {_either((n, n), batch)}{hint}")
+    return a
+
+
+def _either(shape: tuple[Any, ...], batch: Shape) -> str:
+    """Return the shapes that are allowed: one for all runs, or one for each."""
+    one = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
+    return f"{one} for all runs, or ({', '.join(map(str, (*batch, *shape)))}) with one for each" if batch else one
+
+
+def covariance(name: str, given: Any, batch: Shape, n: int) -> Array:
+    """Return what ``square`` does.
+
+    Raises:
+        ValueError: another shape, or no covariance.
+    """
+    P = square(name, given, batch, n)
+    if np.count_nonzero(improper(P)):
+        _refuse_covariance(name, P)
+    return P
+
+
+def _vector(name: str, given: Any, batch: Shape, m: int, dtype: type = float) -> Any:
+    a: Any = np.asarray(given, dtype=dtype)
+    if a.shape not in ((m,), (*batch, m)):
+        raise ValueError(f"{name} of shape {np.shape(given)}: needed {_either((m,), batch)}")
+    return np.broadcast_to(a, (*batch, m))
+
+
+def _refuse_covariance(name: str, P: Array) -> None:
+    run = tuple(np.argwhere(improper(P))[0].tolist())
+    where = f" of run {run}" if run else ""
+    raise ValueError(
+        f"{name}{where} is no covariance: {P[run].tolist()}; allowed: symmetric, with variances >= 0 and no correlation"
+        " beyond 1"
+    )
+
+
+def _linear(name: str, g: Linear, batch: Shape, m: int | None, n: int) -> Linear:
+    """Return a linear map (..., n) -> (..., m) with a matrix and an offset that fit; m = None: any m."""
+    M, c = g
+    if type(M) is not np.ndarray:
+        M = np.asarray(M, dtype=float)
+    rows = M.shape[-2] if m is None and M.ndim > 1 else m
+    if M.shape != (rows, n) and M.shape != (*batch, rows, n):
+        raise ValueError(f"matrix of {name} of shape {M.shape}: needed {_either((m or 'm', n), batch)}")
+    if c is not None and (
+        type(c) is not np.ndarray or c.shape[-1:] != M.shape[-2:-1] or c.shape[:-1] not in ((), batch)
+    ):
+        c = _vector(f"offset of {name}", c, batch, M.shape[-2])
+    return g if M is g.matrix and c is g.offset else Linear(M, c)
+
+
+class Checked:
+    """A function (..., n) -> (..., size) whose results are checked, and which cannot change its argument.
+
+    Raises:
+        ValueError: at a call, a result of another shape.
+    """
+
+    __slots__ = ("_g", "_name", "_size", "jacobian")
+
+    def __init__(self, name: str, g: Function, size: int) -> None:
+        self._name, self._g, self._size = name, g, size
+        self.jacobian: Any = getattr(g, "jacobian", None)  #: that of the function, or None
+
+    def __call__(self, x: Array) -> Array:
+        seen = x.view()
+        seen.setflags(write=False)
+        try:
+            y = self._g(seen)
+        except ValueError:  # a function that works in place gets an array of its own; another one fails again
+            y = self._g(x.copy())
+        if type(y) is not np.ndarray or y.shape != (*x.shape[:-1], self._size):
+            y = self._refuse(x, np.asarray(y, dtype=float))
+        return x.copy() if y is seen else y
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what else the function has."""
+        if name in Checked.__slots__:
+            raise AttributeError(name)
+        return getattr(self._g, name)
+
+    def _refuse(self, x: Array, y: Array) -> Array:
+        needed = (*x.shape[:-1], self._size)
+        if y.shape == needed:
+            return y
+        raise ValueError(
+            f"{self._name} of x {x.shape} has the shape {y.shape}: needed {needed}. A function acts on the last axis, x[..., i],"
+            " for all points and runs at once, and its result has a last axis too"
+        )
+
+
+class _Picked:
+    """Some components of a function."""
+
+    def __init__(self, g: Function, rows: Any) -> None:
+        self._g, self._rows = g, rows
+        jacobian = getattr(g, "jacobian", None)
+        self.jacobian = None if jacobian is None else lambda x: jacobian(x)[..., rows, :]
+
+    def __call__(self, x: Array) -> Array:
+        return self._g(x)[..., self._rows]
+
+
+def picked(me: Measurement, rows: Mask) -> Measurement:
+    """Return a checked measurement of the components in the mask (m,) alone."""
+    at = np.flatnonzero(rows)
+    h: Function = _Picked(me.h, at)
+    if isinstance(me.h, Linear):
+        h = Linear(me.h.matrix[..., at, :], None if me.h.offset is None else me.h.offset[..., at])
+    turns = None if me.turns is None else me.turns[at]
+    return me._replace(z=me.z[..., at], h=h, R=me.R[..., at[:, None], at], present=None, turns=turns)
+
+
+def wrapped(residual: Array, turns: Mask | None) -> Array:
+    """Return residuals (..., m) with the angles among them, ``turns`` (m,), within half a turn."""
+    return residual if turns is None else residual - turns * TURN * np.round(residual / TURN)
+
+
+class Unwound:
+    """A function whose angles do not jump between the points of a call, with the first point within half a turn of z."""
+
+    def __init__(self, g: Function, z: Array, turns: Mask) -> None:
+        self.g, self.z, self.turns = g, z, turns
+        if isinstance(g, Linear):
+            self.jacobian: Any = lambda x: g.matrix
+        else:
+            self.jacobian = getattr(g, "jacobian", None)
+
+    def __call__(self, x: Array) -> Array:
+        if x.ndim == self.z.ndim:  # runs, not points
+            return self.z - wrapped(self.z - self.g(x), self.turns)
+        if isinstance(self.g, Linear):
+            y = x @ self.g.matrix.mT
+            y = (
+                y
+                if self.g.offset is None
+                else y + (self.g.offset if self.g.offset.ndim == 1 else self.g.offset[..., None, :])
+            )
+        else:
+            y = self.g(x)
+        z, first = self.z[..., None, :], y[..., :1, :]
+        return z - wrapped(z - first, self.turns) + wrapped(y - first, self.turns)
+
+
+def unwound(me: Measurement, x: Array | None) -> Measurement:
+    """Return the measurement with a function whose angles lie near z.
+
+    ``x`` (..., n) is the mean of a belief with one mean: a ``Linear`` h then stays one. Otherwise it is None.
+    """
+    if me.turns is None or not me.turns.any():
+        return me
+    if x is None or not isinstance(me.h, Linear):
+        return me._replace(h=Unwound(me.h, me.z, me.turns))
+    y = me.h(x)
+    near = me.z - wrapped(me.z - y, me.turns)
+    offset = near - y if me.h.offset is None else near - y + me.h.offset
+    return me._replace(h=Linear(me.h.matrix, offset))

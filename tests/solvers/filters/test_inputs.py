@@ -1,0 +1,204 @@
+"""What every filter does with what it is given: shapes, functions, components that are missing, angles."""
+
+import math
+
+import numpy as np
+import pytest
+from oracles.problems import look, spd, swing
+from oracles.zoo import draws, generators, is_batched, settings_of, zoo
+
+from solvers.filters import make_filter, names
+from solvers.types import MISSING, Gaussian, Linear, Measurement, Transition
+
+I2, F = np.eye(2), np.array([[1.0, 1.0], [0.0, 1.0]])
+Q, H, R, z = 0.01 * I2, np.eye(1, 2), np.array([[0.04]]), np.array([0.3])
+SETTINGS = {name: settings_of(name) for name in names()}
+
+
+def after(name, f=None, Q=Q, h=None, R=R, z=z, prior=None, batch=(), **told):
+    flt = make_filter(name, **SETTINGS[name])
+    b = flt.init(prior or Gaussian(np.zeros((*batch, 2)), I2), generators(batch))
+    me = Measurement(z, Linear(H) if h is None else h, R, **told)
+    b, _ = flt.step(b, Transition(Linear(F) if f is None else f, Q), me)
+    return flt.estimate(b)
+
+
+def in_place(x):
+    x[..., 0] += x[..., 1]
+    return x
+
+
+def resets_the_rate(x):
+    x[..., 1] = 0.0
+    return x[..., :1]
+
+
+WRONG = [
+    ({"Q": np.diag(Q)}, r"Q of shape \(2,\): needed \(2, 2\); variances alone are np.diag\(Q\)"),
+    ({"Q": Q[:1]}, r"Q of shape \(1, 2\): needed \(2, 2\)"),
+    ({"Q": 0.01}, r"Q of shape \(\): needed \(2, 2\)"),
+    ({"Q": np.eye(3)}, r"Q of shape \(3, 3\): needed \(2, 2\)"),
+    ({"Q": np.diag([0.01, -0.01])}, "Q is no covariance: .* allowed: symmetric, with variances >= 0"),
+    ({"Q": np.array([[1.0, 2.0], [2.0, 1.0]])}, "Q is no covariance"),
+    ({"R": -R}, "R is no covariance"),
+    ({"R": np.diag([0.04, 0.09])}, r"R of shape \(2, 2\): needed \(1, 1\)"),
+    ({"z": np.ones(2)}, r"z of shape \(2,\): needed \(1,\)"),
+    ({"z": np.ones((1, 1))}, r"z of shape \(1, 1\): needed \(1,\)"),
+    ({"h": Linear(I2), "z": np.ones(2), "R": np.array([0.04, 0.09])}, r"R of shape \(2,\): needed \(2, 2\); variances"),
+    ({"h": Linear(I2), "z": np.ones(2)}, r"R of shape \(1, 1\): needed \(2, 2\)"),
+    ({"f": Linear(np.ones((3, 2)))}, r"matrix of f of shape \(3, 2\): needed \(2, 2\)"),
+    ({"h": Linear(np.ones((1, 3)))}, r"matrix of h of shape \(1, 3\): needed \(m, 2\)"),
+    ({"present": [True, False]}, r"present of shape \(2,\): needed \(1,\)"),
+    ({"turns": [True, False]}, r"turns of shape \(2,\): needed \(1,\)"),
+    ({"prior": Gaussian(np.zeros(2), np.array([[1.0, 2.0], [2.0, 1.0]]))}, "prior covariance is no covariance"),
+    ({"prior": Gaussian(np.zeros(2), np.array([[1.0, 0.5], [0.0, 1.0]]))}, "prior covariance is no covariance"),
+]
+WRONG_FUNCTIONS = [
+    ({"f": lambda x: np.array([x[0] + x[1], x[1]])}, r"f of x \(\d+, 2\) has the shape \(2, 2\): needed \(\d+, 2\)"),
+    ({"h": lambda x: x[..., 0]}, r"h of x \(\d+, 2\) has the shape \(\d+,\): needed \(\d+, 1\)"),
+]
+
+
+@pytest.mark.parametrize("name", names())
+def test_what_does_not_fit_is_refused(name):
+    for given, message in WRONG:
+        with pytest.raises(ValueError, match=message):
+            after(name, **given)
+    if name != "filterpy_ukf":  # it takes a function of one run
+        for given, message in WRONG_FUNCTIONS:
+            with pytest.raises(ValueError, match=message):
+                after(name, **given)
+    if not is_batched(name):
+        return
+    for given, message in (
+        ({"R": np.array([[0.04], [0.09]])}, r"R of shape \(2, 1\): needed \(1, 1\) for all runs, or \(2, 1, 1\)"),
+        ({"z": np.zeros(2)}, r"z of shape \(2,\): needed \(1,\) for all runs, or \(2, 1\)"),
+        ({"z": np.zeros((1, 1))}, r"z of shape \(1, 1\): needed"),
+        ({"Q": np.full((3, 2), 0.01)}, r"Q of shape \(3, 2\): needed \(2, 2\) for all runs, or \(2, 2, 2\)"),
+        ({"Q": np.stack([Q, -Q])}, r"Q of run \(1,\) is no covariance"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            after(name, batch=(2,), **given)
+
+
+@pytest.mark.parametrize("name", names())
+def test_what_fits_in_one_way_is_converted(name):
+    right = after(name)
+    for given in (
+        {"R": 0.04, "z": 0.3},
+        {"R": np.array([0.04]), "z": [0.3]},
+        {"Q": Q.tolist(), "R": R.tolist(), "f": Linear(F.tolist()), "h": Linear(H.tolist())},
+        {"prior": Gaussian([0, 0], [[1, 0], [0, 1]])},
+    ):
+        np.testing.assert_array_equal(after(name, **given).mean, right.mean)
+    by_function = after(name, f=lambda x: x @ F.T, h=lambda x: x[..., :1])
+    changing = after(name, f=in_place, h=resets_the_rate)  # each call gets an array of its own
+    np.testing.assert_array_equal(changing.mean, by_function.mean)
+    np.testing.assert_array_equal(changing.cov, by_function.cov)
+    one = make_filter(name, **SETTINGS[name])
+    b = one.init(Gaussian(np.zeros(1), 4.0), generators(()))
+    b, _ = one.step(b, Transition(Linear(np.eye(1)), 0.01), Measurement(1.0, Linear(np.eye(1)), 0.04))
+    assert one.estimate(b).mean.shape == (1,)
+
+
+@pytest.mark.parametrize("name", [n for n in names() if is_batched(n)])
+def test_a_batch_of_no_runs(name):
+    for f, h in ((None, None), (lambda x: x + 0.1 * np.sin(x), lambda x: np.sin(x[..., :1]))):
+        x = after(name, f=f, h=h, z=np.zeros((0, 1)), batch=(0,))
+        assert (x.mean.shape, x.cov.shape) == ((0, 2), (0, 2, 2))
+
+
+@pytest.mark.parametrize(("name", "settings"), list(zoo()))
+def test_a_missing_component_is_a_fix_without_it(name, settings):
+    """Each run of a batch misses others; alone, each has fixes from which the missing rows are taken out."""
+    if name == "augmented_aukf":
+        pytest.skip("its points know the size of the fix that was told")
+    runs, n, steps = 4 if is_batched(name) else 1, 4, 7
+    rng = np.random.default_rng(3)
+    x, P, R, tr = rng.standard_normal((runs, n)), spd(rng, runs, n), spd(rng, 2), Transition(swing, 0.05 * np.eye(n))
+    z, has = 0.5 * rng.standard_normal((steps, runs, 2)), rng.random((steps, runs, 2)) < 0.6
+    has[0], own, some = True, generators((runs,)), slice(None) if runs > 1 else 0
+    flt = make_filter(name, **settings)
+    b = flt.init(Gaussian(x[some], P[some]), own if runs > 1 else own[0])
+    each = [flt.init(Gaussian(x[i], P[i]), g) for i, g in enumerate(generators((runs,)))]
+    for k in range(steps):
+        there, told = has[k][some], {}
+        z_k, R_k = np.where(there, z[k][some], np.nan), R
+        if k % 3 == 1:
+            z_k, told = np.where(there, z[k][some], 7.0), {"present": there}
+        elif k % 3 == 2:
+            z_k = z[k][some]
+            R_k = R + np.where(there, 0.0, MISSING)[..., None] * np.eye(2)
+        b, seen = flt.step(b, tr, Measurement(z_k, look, R_k, **told))
+        np.testing.assert_array_equal(np.isnan(seen.residual), ~there)
+        for i in range(runs):
+            rows = np.flatnonzero(has[k, i])
+            me = Measurement(z[k, i, rows], lambda v, rows=rows: look(v)[..., rows], R[np.ix_(rows, rows)])
+            each[i], alone = flt.step(each[i], tr, me if len(rows) else None)
+            if len(rows):
+                np.testing.assert_allclose(seen.cov.reshape(-1, 2, 2)[i][np.ix_(rows, rows)], alone.cov, rtol=1e-9)
+    for i, one in enumerate(each):
+        for together, alone in zip(flt.estimate(b), flt.estimate(one), strict=True):
+            np.testing.assert_allclose(np.reshape(together, (-1, *alone.shape))[i], alone, rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("project", ["diagonal", "full"])
+def test_a_noise_that_is_learnt_survives_missing_components(project):
+    """Two sensors with independent noise: what one misses must not reach the R of the other."""
+    rng, steps = np.random.default_rng(4), 200
+    flt = make_filter("aukf", adapt="R", project=project)
+    one = make_filter("aukf", adapt="R", project=project)
+    tr, told = Transition(Linear(0.9 * np.eye(2)), 0.1 * np.eye(2)), 0.25 * np.eye(2)
+    b, other = flt.init(Gaussian(np.zeros(2), np.eye(2))), one.init(Gaussian(np.zeros(2), np.eye(2)))
+    for k in range(steps):
+        fix = rng.standard_normal(2)
+        full = Measurement(fix, Linear(np.eye(2)), told)
+        b, _ = flt.step(b, tr, full._replace(present=[True, k % 2 == 0 and k != 0]))
+        other, _ = one.step(other, tr, full)
+    got, alone = flt.diagnostics(b)["R"], one.diagnostics(other)["R"]
+    got, alone = (a if project == "diagonal" else np.diagonal(a) for a in (got, alone))
+    np.testing.assert_allclose(got[0], alone[0], rtol=0.02)
+    assert 0.5 < got[1] / alone[1] < 2.0  # half as many fixes of the same noise
+
+
+POLAR = np.diag([4e-4, 0.01])
+
+
+def polar(x):
+    return np.stack([np.arctan2(x[..., 1], x[..., 0]), np.hypot(x[..., 0], x[..., 1])], axis=-1)
+
+
+@pytest.mark.parametrize(("name", "settings"), list(zoo()))
+def test_angles_turn(name, settings):
+    """A target due west, with bearings at +-pi, is found as one due east; a heading is counted from any turn."""
+    flt, batch = make_filter(name, **settings), (3,) if is_batched(name) else ()
+    found = []
+    for side in (1.0, -1.0):
+        rng = np.random.default_rng(1)
+        x = np.array([10.0, 0.05]) + 0.2 * rng.standard_normal((*batch, 2))
+        b = flt.init(Gaussian(side * x, 0.04 * I2), generators(batch))
+        for _ in range(4):
+            v = np.array([0.02, 0.1]) * rng.standard_normal((*batch, 2))
+            bearing = np.angle(side * np.exp(1j * v[..., 0]))
+            fix = np.stack([bearing, 10.0 + v[..., 1]], axis=-1)
+            me = Measurement(fix, polar, POLAR, turns=[True, False])
+            b, seen = flt.step(b, Transition(Linear(I2), 0.01 * I2), me)
+            assert (np.abs(seen.residual) < 1.0).all() or _at_origin(flt)
+        found.append((side * flt.estimate(b).mean, flt.estimate(b).cov))
+    if not draws(name) and not _at_origin(flt):
+        for east, west in zip(*found, strict=True):
+            np.testing.assert_allclose(east, west, rtol=1e-6, atol=1e-7)
+    headings = []
+    for turns, unwrapped in ((True, -3.12), (True, -3.12 + 6.0 * math.pi), (False, -3.12 + 2.0 * math.pi)):
+        b = flt.init(Gaussian(np.array([3.1, 0.0]), np.diag([0.04, 0.01])), generators(()))
+        for _ in range(3):
+            me = Measurement(np.array([unwrapped]), Linear(H), R, turns=[turns])
+            b, _ = flt.step(b, Transition(Linear(F), Q), me)
+        headings.append(flt.estimate(b).mean)
+    np.testing.assert_allclose(headings[0], headings[2], rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(headings[1], headings[2], rtol=1e-7, atol=1e-9)
+
+
+def _at_origin(flt):
+    """Whether it takes tangents where there is no bearing."""
+    return getattr(flt, "feedback", "") == "closed" and type(flt).__name__ in ("KF", "HinfKF", "FilterpyKF")
