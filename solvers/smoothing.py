@@ -117,6 +117,7 @@ class Recorder:
         filter, x, w, G_w = self.inner, self.inner.estimate(b), None, None
         after, innovation = filter.step(b, tr, me)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # runs that freeze are masked below
+            tr, _ = filter.checked(b, tr, None)
             predicted = filter.estimate(filter.predict(b, tr))
             Y, repaired = inverse(predicted.cov)
             well = after.health.failed_at < 0

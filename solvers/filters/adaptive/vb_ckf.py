@@ -122,6 +122,14 @@ class VBCKF(GaussianFilter[VariationalBelief]):
             after = after._replace(excess=R - told, share=np.asarray(share)[..., 0, 0])
         return count(after, repaired), first
 
+    def correct_rows(self, b: VariationalBelief, me: Measurement, rows: Mask) -> tuple[VariationalBelief, Innovation]:
+        """Correct by the components in the mask (m,); what is known of the R of the others stays."""
+        excess, at = b.excess + np.zeros(me.R.shape[-2:]), np.flatnonzero(rows)
+        block = ..., at[:, None], at
+        x, seen = super().correct_rows(b._replace(excess=excess[block]), me, rows)
+        excess[block] = x.excess
+        return x._replace(excess=excess), seen
+
     def diagnostics(self, b: VariationalBelief) -> dict[str, Array]:
         """Return the variances of the estimated R, in units of the told one, and the number of fixes they count for."""
         with np.errstate(divide="ignore"):
