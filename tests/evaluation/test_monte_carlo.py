@@ -349,7 +349,10 @@ def test_run_episode(short, healthy):
         ({"solver": HERE + "Nothing"}, "without batched, reset, step; allowed: batched = False"),
         ({"solver": HERE + "broken_factory"}, "cannot be made with no settings: ZeroDivisionError"),
         ({"settings": {"gian": 2}}, "cannot be made with settings {'gian': 2}"),
-        ({"solver": HERE + "with_setting", "settings": {"gain": -1}}, "gain = -1; allowed: not negative"),
+        (
+            {"solver": HERE + "with_setting", "settings": {"gain": -1}},
+            "with_setting' refuses settings {'gain': -1}: ValueError: gain = -1; allowed: not negative",
+        ),
         ({"task": "sway-whit-v0"}, "did you mean 'sway-white-v0'"),
         ({"runs": 0}, "runs = 0"),
         ({"runs": [-1, 2]}, "runs = [-1, 2]; allowed: a whole number, at least 1, or the numbers of the runs"),

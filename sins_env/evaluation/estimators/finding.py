@@ -247,14 +247,18 @@ def make(solver: Solver, settings: Mapping[str, Any] | None = None) -> Estimator
             ``step`` and ``batched``.
     """
     name, given = solver_name(solver), dict(settings or {})
+    what = f"settings {given}" if given else "no settings"
+    factory = None
     try:
-        estimator = find(solver)(**given)
+        factory = find(solver)
+        estimator = factory(**given)
         missing = [part for part in MEMBERS if not hasattr(estimator, part)]
         batched = None if missing else estimator.batched
-    except ValueError:
-        raise
+    except ValueError as error:
+        if factory is None or not isinstance(solver, str) or ":" not in solver:
+            raise
+        raise ValueError(f"solver {name!r} refuses {what}: {line(error)}") from error  # which may say nothing of where
     except (Exception, SystemExit) as error:
-        what = f"settings {given}" if given else "no settings"
         raise ValueError(f"solver {name!r} cannot be made with {what}: {line(error)}") from error
     if "reset" in missing and all(hasattr(estimator, part) for part in FILTER):
         made = f"{type(estimator).__name__}({', '.join(f'{key}={value!r}' for key, value in given.items())})"
