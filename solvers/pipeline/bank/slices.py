@@ -10,6 +10,7 @@ is d + J_r(d)^-1 xi_j to first order in xi_j. Equations: docs/mathematics/filter
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from sins_env import attitude, earth
 from sins_env.arrays import Array
 from sins_env.earth import Earth
+from sins_env.kernels import kernel
 from solvers.blocks.conditioning import nis
 from solvers.blocks.mixtures import collapse
 from solvers.pipeline.bank.models import carried
@@ -92,28 +94,64 @@ def join(a: Slices, b: Slices) -> Slices:
 
 def sum_by_run(values: Array, run: NDArray[np.int64], runs: int) -> Array:
     """Return the sums (runs, ...) of ``values`` (N, ...) over the slices of each run, in their order."""
-    out = np.zeros((runs, *values.shape[1:]))
-    np.add.at(out, run, values)
-    return out
+    shape = values.shape[1:]
+    sums: Array = _sum_by_run(values.reshape(len(values), math.prod(shape)), run, np.empty(runs))
+    return sums.reshape(runs, *shape)
+
+
+@kernel("(n,k),(n),(r)->(r,k)", "dqdd")
+def _sum_by_run(values: Array, run: Array, runs: Array, out: Array) -> None:
+    """Fill in the sums; of ``runs`` the length counts alone."""
+    out[:] = 0.0
+    for i in range(len(run)):
+        for k in range(values.shape[1]):
+            out[run[i], k] += values[i, k]
 
 
 def normalised(log_weight: Array, run: NDArray[np.int64], runs: int) -> Array:
     """Return weights (N, M) that sum to one in each run, from their logarithms."""
-    top = np.full(runs, -np.inf)
-    np.maximum.at(top, run, log_weight.max(axis=-1))
-    weight = np.exp(log_weight - top[run][:, None])
-    total = sum_by_run(weight.sum(axis=-1), run, runs)
-    normal: Array = weight / total[run][:, None]
-    return normal
+    weight: Array = _normalised(log_weight, run, np.empty(runs))
+    return weight
+
+
+@kernel("(n,m),(n),(r)->(n,m)", "dqdd")
+def _normalised(log_weight: Array, run: Array, runs: Array, weight: Array) -> None:
+    n, m = log_weight.shape
+    top, total = np.full(len(runs), -math.inf), np.zeros(len(runs))
+    for i in range(n):
+        for j in range(m):
+            if log_weight[i, j] != log_weight[i, j]:
+                top[run[i]] = math.nan
+            elif log_weight[i, j] > top[run[i]]:
+                top[run[i]] = log_weight[i, j]
+    for i in range(n):
+        of_slice = 0.0
+        for j in range(m):
+            weight[i, j] = math.exp(log_weight[i, j] - top[run[i]])
+            of_slice += weight[i, j]
+        total[run[i]] += of_slice
+    for i in range(n):
+        for j in range(m):
+            weight[i, j] /= total[run[i]]
 
 
 def best(weight: Array, run: NDArray[np.int64], runs: int) -> NDArray[np.int64]:
     """Return the index of the likeliest slice of each run, (runs,); the first among equals; -1 for a run without slices."""
-    size = weight.sum(axis=-1)
-    order = np.lexsort((-np.arange(len(run)), size, run))  # ascending in run, then in weight
-    found = np.full(runs, -1)
-    found[run[order]] = order  # the last one of each run stays
-    return found
+    top: NDArray[np.int64] = _best(weight, run, np.empty(runs))
+    return top
+
+
+@kernel("(n,m),(n),(r)->(r)", "dqdq")
+def _best(weight: Array, run: Array, runs: Array, top: Array) -> None:
+    largest = np.full(len(runs), -1.0)
+    top[:] = -1
+    for i in range(len(run)):
+        size = 0.0
+        for j in range(weight.shape[1]):
+            size += weight[i, j]
+        if size == size and size > largest[run[i]]:
+            largest[run[i]] = size
+            top[run[i]] = i
 
 
 class View(NamedTuple):
