@@ -23,7 +23,7 @@ from solvers.blocks.conditioning import inverse_lower
 from solvers.blocks.square_root import cholesky
 from solvers.types import Gaussian, NoiseLaw
 
-STAY = 0.95  #: probability that a regime lasts until the next fix; else one is drawn anew
+STAY = 0.99  #: probability that a regime lasts until the next fix; else one is drawn anew
 OTHER = 0.025  #: probability of each regime but that of the told R
 SWEEPS = 20  #: most sweeps of Jacobi's method, of which five are usual
 STUDENT_LOGS = np.arange(-0.5, 2.75, 0.5)  #: log10 s^2 in the middle of the cells of Student-t

@@ -63,7 +63,7 @@ def test_the_chain_of_the_regimes():
     rest = regimes.stationary(5, 2)
     np.testing.assert_allclose(rest, [0.025, 0.025, 0.9, 0.025, 0.025])
     p = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
-    A = 0.95 * np.eye(5) + 0.05 * rest
+    A = 0.99 * np.eye(5) + 0.01 * rest
     np.testing.assert_allclose(regimes.ahead(p, rest), p @ A)
     np.testing.assert_allclose(regimes.ahead(rest, rest), rest)
 
