@@ -23,6 +23,7 @@ from solvers.pipeline.coarse.aided import Windows
 from solvers.pipeline.coarse.analytic import Analytic
 from solvers.pipeline.coarse.fits import by_davenport, by_svd
 from solvers.pipeline.coarse.inertial import AllPairs, TwoVector
+from solvers.pipeline.coarse.spread import Spread
 
 
 class Coarse(Protocol):
@@ -31,6 +32,8 @@ class Coarse(Protocol):
     def add(self, obs: Observation) -> None: ...
 
     def attitude(self) -> Array: ...
+
+    def spread(self) -> Spread | None: ...
 
 
 METHODS: dict[str, Callable[[Task, tuple[int, ...]], Coarse]] = {

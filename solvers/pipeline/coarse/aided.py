@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from sins_env import earth
+from sins_env import attitude, earth
 from sins_env.arrays import Array
 from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.fits import Fit
-from solvers.pipeline.coarse.inertial import AllPairs, outer
+from solvers.pipeline.coarse.inertial import AllPairs, earth_turn, outer
+from solvers.pipeline.coarse.spread import Spread, of_pairs
 from solvers.pipeline.strapdown import cross, end_rate
 
 WINDOW_S = 60.0  #: s, length of a window; it is cut to half of the coarse phase if that is shorter
@@ -37,10 +38,15 @@ class Windows(AllPairs):
         self._ring = np.zeros((2, self._lag, *batch, 3))
         self._ring_valid = np.zeros((self._lag, *batch, 1), dtype=bool)
         self._early_profile = np.zeros((*batch, 3, 3))  # profile of the pairs before the first window is full
+        self._prior, self._spread_at = task.prior, round(task.coarse_s / task.epoch_s)
+        self._seen: list[tuple[Array, ...]] = []  # of each epoch, as far as the spread is asked for
 
     def _keep(self, v_b: Array, v_i: Array, obs: Observation) -> None:
         """Add the difference across a window whose ends have a fix; until a window is full, the pair since the start."""
+        force = v_b
         v_b, v_i, valid = v_b + self._antenna(obs), v_i + self._own_velocity(obs), obs["gps_valid"] == 1
+        if self._k <= self._spread_at:
+            self._seen.append((force, v_b, self._q, valid))
         slot = self._k % self._lag
         if self._k > self._lag:
             both = (valid & self._ring_valid[slot])[..., None]
@@ -50,10 +56,33 @@ class Windows(AllPairs):
         self._ring[0, slot], self._ring[1, slot], self._ring_valid[slot] = v_b, v_i, valid
 
     def _fit(self) -> Array:
+        return self._solve(self._profile + self._fade() * self._early_profile)
+
+    def _fade(self) -> float:
+        """Return the weight of the pairs before the first full window."""
         # The velocity at the start biases the pairs since the start, so they fade out over the time of one more window.
         # If they were dropped at once, the windows left would have nearly one direction, and give no azimuth.
-        fade = max((1.0 - min(max(self._k / self._lag - 1.0, 0.0), 1.0)) ** 4, EARLY_WEIGHT)
-        return self._solve(self._profile + fade * self._early_profile)
+        return max((1.0 - min(max(self._k / self._lag - 1.0, 0.0), 1.0)) ** 4, EARLY_WEIGHT)
+
+    def spread(self) -> Spread | None:
+        """Return what the attitude is off by at the end of the coarse phase; None at other times."""
+        K, L = len(self._seen), self._lag
+        if not K or self._k != K or K <= L:
+            return None
+        force, v_b, q, valid = (np.stack(parts) for parts in zip(*self._seen, strict=True))
+        C = self._fit()
+        u = np.matmul(C, v_b[..., None])[..., 0]
+        du = np.diff(np.matmul(C, force[..., None])[..., 0], axis=0, prepend=0.0)
+        pairs = (u[L:] - u[:-L]) * (valid[L:] & valid[:-L])
+        c = np.zeros(u.shape)
+        c[:L] += self._fade() * u[:L]
+        weighted = np.einsum("k...i,k...j->...ij", c[:L], u[:L]) + np.einsum("k...i,k...j->...ij", pairs, pairs)
+        c[L:] += pairs
+        c[:-L] -= pairs
+        N = np.trace(weighted, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - weighted
+        angle = self._rate * self._epoch_s * np.arange(1, K + 1)
+        C_n = np.stack([earth_turn(one) for one in angle]) @ self._enu.T
+        return of_pairs(du, c, N, C @ attitude.to_dcm(q), C_n, self._epoch_s, self._prior)
 
     def _own_velocity(self, obs: Observation) -> Array:
         """Return what the velocity of the base adds to v_i, C_n^i v + integral of C_n^i (omega_ie x v), (..., 3) m/s.

@@ -21,6 +21,7 @@ from sins_env import attitude, earth
 from sins_env.arrays import Array
 from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.fits import by_svd, triad
+from solvers.pipeline.coarse.spread import Spread, of_means
 from solvers.pipeline.strapdown import cross
 
 
@@ -52,6 +53,7 @@ class Analytic:
         self._form, self._epoch_s, self._k = form, task.epoch_s, 0
         self._force_n = np.array([0.0, 0.0, float(earth.gravity(model, latitude, height))])
         self._rate_n = earth.rate_n(model, latitude)
+        self._site, self._prior = (latitude, float(model.rate)), task.prior
         self._dvel, self._dtheta = np.zeros((*batch, 3)), np.zeros((*batch, 3))
 
     def add(self, obs: Observation) -> None:
@@ -65,3 +67,9 @@ class Analytic:
         t = max(self._k, 1) * self._epoch_s
         C = from_means(self._form, self._dvel / t, self._dtheta / t, self._force_n, self._rate_n)
         return attitude.from_dcm(by_svd(C))
+
+    def spread(self) -> Spread:
+        """Return what the mean attitude is off by if the base stood still."""
+        C, gravity = attitude.to_dcm(self.attitude()), self._force_n[2]
+        latitude, rate = self._site
+        return of_means(self._form, latitude, gravity, rate, self._k, self._epoch_s, C, self._prior)

@@ -16,6 +16,7 @@ from sins_env import attitude, earth
 from sins_env.arrays import Array
 from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.fits import Fit, triad
+from solvers.pipeline.coarse.spread import Spread
 from solvers.pipeline.strapdown import carried_sample, chain, interval_increments
 
 EARLY_SHARE = 50 / 180  #: share of the coarse phase after which two vectors take the first pair, 000 section 2.4
@@ -45,6 +46,10 @@ class InertialFrame(ABC):
         self._q = attitude.normalize(attitude.multiply(self._q, ends[..., -1, :]))
         self._keep(self._v_b, np.broadcast_to(self._gravity_integral(), self._v_b.shape), obs)
 
+    def spread(self) -> Spread | None:
+        """Return None: the motion of the base itself disturbs these pairs, and how much is not told."""
+        return None
+
     def attitude(self) -> Array:
         """Return q_nb (..., 4) at the last epoch; level is known soon, azimuth as the directions of the pairs spread."""
         return attitude.from_dcm(self._C_i_n() @ self._fit() @ attitude.to_dcm(self._q))
@@ -69,9 +74,7 @@ class InertialFrame(ABC):
 
     def _C_i_n(self) -> Array:
         """Return C_e^n C_i^e(t), 000 (2.4.4)."""
-        angle = self._rate * self._k * self._epoch_s
-        c, s = np.cos(angle), np.sin(angle)
-        return self._enu @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        return self._enu @ earth_turn(self._rate * self._k * self._epoch_s).T
 
 
 class TwoVector(InertialFrame):
@@ -114,6 +117,12 @@ class AllPairs(InertialFrame):
 
     def _fit(self) -> Array:
         return self._solve(self._profile)
+
+
+def earth_turn(angle: float) -> Array:
+    """Return C_e^i (3, 3) after the earth has turned by ``angle``, rad."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def outer(u: Array, v: Array) -> Array:

@@ -1,0 +1,92 @@
+"""What a coarse attitude is off by, to first order: its covariance, from the told errors of IMU and fixes.
+
+    phi = gyro eps + accel nabla + white noise
+
+The biases eps and nabla stay as they are in the fine phase, whose prior must know how the misalignment hangs together with them.
+Equations: docs/mathematics/coarse_alignment.md#spread.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sins_env import attitude
+from sins_env.arrays import Array
+from sins_env.prior import ANY_HEADING_STD_DEG, Prior
+from sins_env.states import ERRORS
+from sins_env.units import DEG
+
+PHI, DV, GYRO, ACCEL = (ERRORS[name] for name in ("phi", "dv", "gyro_bias", "accel_bias"))
+
+
+class Spread(NamedTuple):
+    """The misalignment that is left, in terms of the biases in body axes, and the rest."""
+
+    gyro: Array  #: (..., 3, 3) d phi / d eps, s
+    accel: Array  #: (..., 3, 3) d phi / d nabla, s^2/m
+    noise: Array  #: (..., 3, 3) covariance by white noise, rad^2
+
+
+def told_by(spread: Spread, prior: Prior) -> Array:
+    """Return P0 (..., 15, 15) in the layout ERRORS, with the misalignment of the spread in place of the prior's.
+
+    A heading that may be anything has the standard deviation of one that is drawn over the circle.
+    """
+    told = prior.P0
+    P0 = np.broadcast_to(told, (*spread.noise.shape[:-2], *told.shape)).copy()
+    P0[..., PHI, PHI] = spread.noise
+    for slope, bias in ((spread.gyro, GYRO), (spread.accel, ACCEL)):
+        cross = slope @ told[bias, bias]
+        P0[..., PHI, PHI] += cross @ slope.mT
+        P0[..., PHI, bias], P0[..., bias, PHI] = cross, cross.mT
+    scale = np.ones(P0.shape[:-1])
+    sigma = np.sqrt(np.diagonal(P0[..., PHI, PHI], axis1=-2, axis2=-1))
+    scale[..., PHI] = np.minimum(1.0, ANY_HEADING_STD_DEG * DEG / np.maximum(sigma, attitude.TINY))
+    return P0 * (scale[..., :, None] * scale[..., None, :])
+
+
+def of_means(
+    form: int, latitude: float, gravity: float, rate: float, epochs: int, epoch_s: float, C: Array, prior: Prior
+) -> Spread:
+    """Return the spread of analytic alignment over so many epochs, for the attitude C (..., 3, 3)."""
+    east, tan = 1.0 / (rate * np.cos(latitude)), np.tan(latitude)
+    gyro = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [-east, 0.0, 0.0]])
+    accel = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [tan, 0.0, 0.0]]) / gravity
+    if form == 1:  # half of the error of shape goes into the level
+        gyro[0, 2] += 0.5 * east
+        accel[0] += np.array([0.0, 0.5, -0.5 * tan]) / gravity
+    T = epochs * epoch_s
+    noise = epochs * (gyro @ prior.Q[PHI, PHI] @ gyro.T + accel @ prior.Q[DV, DV] @ accel.T) / T**2
+    return Spread(gyro @ C, accel @ C, np.broadcast_to(noise, C.shape))
+
+
+def of_pairs(
+    du: Array, coefficients: Array, information: Array, C_b: Array, C_n: Array, epoch_s: float, prior: Prior
+) -> Spread:
+    """Return the spread of a fit to K pairs of vectors in the inertial frame, at the last epoch.
+
+    With errors delta_j of the vectors, the fit turns by theta = -N^-1 sum_j c_j x delta_j.
+
+    Args:
+        du: (K, ..., 3) m/s, velocity increments by specific force, in the inertial frame.
+        coefficients: (K, ..., 3) m/s, the c_j.
+        information: (..., 3, 3) m^2/s^2, N.
+        C_b: (K, ..., 3, 3), turns from body axes into the inertial frame.
+        C_n: (K, 3, 3), turns from n into the inertial frame.
+        epoch_s: s, length of an epoch.
+        prior: the told errors.
+    """
+    solved = np.linalg.inv(information)
+    later = np.flip(np.cumsum(np.flip(coefficients, 0), axis=0), 0)  # sum of c_j from each epoch on
+    B = -solved @ attitude.skew(later)  # theta = sum B nabla h
+    D = -B @ attitude.skew(du)  # theta = sum D psi, psi the turn by the gyros so far
+    A = np.eye(3) + np.flip(np.cumsum(np.flip(D, 0), axis=0), 0)  # theta + psi = sum A eps h
+    G = solved @ attitude.skew(coefficients)  # theta = sum G (errors of fixes)
+    R = C_n @ prior.R[:3, :3] @ C_n.mT
+    R = R.reshape(len(R), *(1,) * (G.ndim - 3), 3, 3)
+    noise = (A @ prior.Q[PHI, PHI] @ A.mT + B @ prior.Q[DV, DV] @ B.mT + G @ R @ G.mT).sum(axis=0)
+    to_n = -C_n[-1].T  # phi is the turn back, in n
+    gyro, accel = (epoch_s * (slope @ C_b).sum(axis=0) for slope in (A, B))
+    return Spread(to_n @ gyro, to_n @ accel, to_n @ noise @ to_n.T)
