@@ -58,6 +58,9 @@ class Task:
     prior: Prior
     start: NavState | None = None  #: told start of this episode, with its errors; None if it is unknown
     navigate: bool = False  #: whether the action is q_nb, v_n and position (10,); otherwise it is q_nb alone (4,)
+    #: Whether the prior tells the attitude after the coarse phase. If not, its attitude is a default, which a coarse method that
+    #: knows its own errors replaces.
+    coarse_told: bool = True
 
     @property
     def num_epochs(self) -> int:

@@ -164,6 +164,7 @@ class FlightSettings(Timed):
             imu=imu,
             gps=gps.told(prior.gps_vel_std_mps if self.prior == "thesis" else None),
             prior=prior,
+            coarse_told=not self.coarse_s,
             navigate=True,
         )
 

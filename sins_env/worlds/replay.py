@@ -76,6 +76,7 @@ class ReplayWorld(ChunkedWorld):
             imu=imu,
             gps=gps.told(prior.gps_vel_std_mps if settings.prior == "thesis" else None),
             prior=prior,
+            coarse_told=not coarse,
             navigate=navigates,
         )
 

@@ -145,6 +145,7 @@ class SimulationSettings(Timed):
             imu=self.imu_true,
             gps=self.gps_true.told(prior.gps_vel_std_mps if self.prior == "thesis" else None),
             prior=prior,
+            coarse_told=not self.coarse_s,
         )
 
 

@@ -23,6 +23,7 @@ from solvers.pipeline import coarse as coarse_methods
 from solvers.pipeline import feedback as reset
 from solvers.pipeline import switch_on
 from solvers.pipeline.aiding.aid import Aid
+from solvers.pipeline.coarse.spread import Spread, told_by
 from solvers.pipeline.errors.equivariant import Equivariant
 from solvers.pipeline.errors.invariant import Euler, Invariant
 from solvers.pipeline.errors.model import ErrorModel
@@ -97,7 +98,7 @@ class Integration(ABC):
         self._coarse.add(obs)
         nav = self._aid.start(obs, self._coarse.attitude())
         if self._k * task.epoch_s >= task.coarse_s - 1e-9 * task.epoch_s:
-            self._start_fine(nav)
+            self._start_fine(nav, self._coarse.spread())
         return self.answer(nav)
 
     def covariance(self) -> Array:
@@ -165,7 +166,7 @@ class Integration(ABC):
         now = self._waiting & (obs["gps_valid"][..., 0] == 1)
         if nav is None or now.any():
             ins, bias, belief = self.ins, self.bias, self.belief
-            self._start_fine(level, switch_on.switch_on_prior(self.task.prior))
+            self._start_fine(level, prior=switch_on.switch_on_prior(self.task.prior))
             self.ins = StrapdownState(level, carried_sample(obs["dtheta"], obs["dvel"]))
             if nav is not None:
                 self.ins, self.belief = choose(now, self.ins, ins), mixed(now, self.belief, belief)
@@ -176,11 +177,17 @@ class Integration(ABC):
         self._waiting = self._waiting & ~now
         return answer
 
-    def _start_fine(self, nav: NavState, prior: Prior | None = None) -> None:
-        """Begin the fine phase with a state of the INS, and a prior of its errors; None: the told one."""
+    def _start_fine(self, nav: NavState, spread: Spread | None = None, prior: Prior | None = None) -> None:
+        """Begin the fine phase with a state of the INS, and a prior of its errors; None: the told one.
+
+        The ``spread`` of a coarse phase replaces the prior's attitude, unless the task tells one.
+        """
         self._coarse = None
         self.ins = self._strapdown.start(nav)
-        errors = self._errors.prior(self.task.prior if prior is None else prior, self._batch)
+        P0 = (prior or self.task.prior).P0
+        if spread is not None and not self.task.coarse_told:
+            P0 = told_by(spread, self.task.prior, nav.q_nb if self.settings.bias_frame == "nav" else None)
+        errors = self._errors.prior(P0, self._batch)
         self.belief = self.filter.init(self._coordinates.prior(errors, nav), self._rng)
 
     def _fine(self, obs: Observation) -> NavState:

@@ -7,8 +7,11 @@ the trajectory of errors x_ that ends at the estimate:
     x_k = x_k_ + d_k,   d_0 ~ N(-x_0_, P0),   d' = F(x_) d + w,   z = h(x_) + H(x_) d + v
 
 This is one Gauss-Newton step of the maximum a posteriori problem, with the told prior unchanged. Later epochs continue in the
-same way. Nothing is mechanised twice: the INS of the first pass stays, and x_ follows from its error model. An epoch is kept as
-its error model and its measurement, 0.3 kB per run. Equations: docs/mathematics/bound.md#two-passes.
+same way. A run whose heading was worse than a degree at that time takes another step when the time has doubled. With few fixes
+the tangent would otherwise stay at a trajectory that is degrees off, and the covariance would be too small for good. Nothing is
+mechanised twice: the INS of the first pass stays, and x_ follows from its error model. An epoch is kept as its error model and
+its measurement, 0.3 kB per run.
+Equations: docs/mathematics/bound.md#two-passes.
 """
 
 from __future__ import annotations
@@ -19,9 +22,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
 from sins_env.checks import keep, number
 from sins_env.types import Rng, Task
+from sins_env.units import DEG
+from solvers.filters.base import choose, mixed
 from solvers.filters.brief import changed
 from solvers.filters.kalman.kf import KF
 from solvers.filters.sigma.ckf import CKF
@@ -32,6 +37,8 @@ from solvers.types import Filter, Function, Gaussian, Health, Innovation, Linear
 
 Epoch = tuple[Transition, Measurement | None]
 
+GOOD_DEG = 1.0  #: standard deviation of an angle, in fact the heading, above which a run is linearised again, deg
+AGAIN = 4  #: largest number of times that it is, each after twice the time of the one before
 SHOTS = 2  #: corrections of the start from which the errors lead to the estimate; each leaves a tenth of the miss
 
 
@@ -41,7 +48,9 @@ class TwoPassBelief(NamedTuple):
     inner: Any  #: belief of the first filter, then that of d
     nominal: Array | None  #: x_ (..., n); None in the first pass
     prior: Gaussian
-    past: tuple[Epoch, ...]  #: epochs of the first pass
+    past: tuple[Epoch, ...]  #: epochs since the start, as long as they may be passed again
+    rough: Mask  #: (...), runs that will be linearised again, all of them in the first pass
+    passes: int = 0  #: number of times that the past was linearised
 
     @property
     def health(self) -> Health:
@@ -53,6 +62,8 @@ class TwoPassBelief(NamedTuple):
 @dataclass(frozen=True)
 class TwoPassFilter:
     """A filter that starts again: the filter ``first`` for some seconds, then ``tangent`` for these again and all later ones.
+
+    Runs whose heading is not known to a degree by then start again after twice the time, at most four times.
 
     Raises:
         ValueError: ``relinearise_s`` is not positive.
@@ -67,32 +78,42 @@ class TwoPassFilter:
         keep(self, "relinearise_s", number, "a positive number of seconds", above=0.0, infinite=True)
 
     def init(self, prior: Gaussian, rng: Any) -> TwoPassBelief:
-        return TwoPassBelief(self.first.init(prior, rng), None, prior, ())
+        inner = self.first.init(prior, rng)
+        return TwoPassBelief(inner, None, prior, (), np.ones(inner.health.failed_at.shape, dtype=bool))
 
     def step(self, b: TwoPassBelief, tr: Transition, me: Measurement | None) -> tuple[TwoPassBelief, Innovation | None]:
         """Take one epoch; the one at ``relinearise_s`` takes a second per thousand epochs and a few hundred runs."""
-        if b.nominal is not None:
+        if b.nominal is None:
+            inner, innovation = self.first.step(b.inner, tr, me)
+            b = b._replace(inner=inner)
+        else:
             with _quiet():
-                return self._along(b, tr, me)
-        inner, innovation = self.first.step(b.inner, tr, me)
-        b = b._replace(inner=inner, past=(*b.past, (tr, me)))
-        if tr.dt is None or len(b.past) * tr.dt < self.relinearise_s * (1 - 1e-9):
+                b, innovation = self._along(b, tr, me)
+            if not b.rough.any():
+                return b, innovation
+        b = b._replace(past=(*b.past, (tr, me)))
+        if tr.dt is None or len(b.past) * tr.dt < 2**b.passes * self.relinearise_s * (1 - 1e-9):
             return b, innovation
         with _quiet():
             return self._again(b), innovation
 
     def _again(self, b: TwoPassBelief) -> TwoPassBelief:
-        """Make the second pass over the past; runs that the first pass lost stay lost."""
-        health = b.inner.health
-        nominal = _start(b.past, self.first.estimate(b.inner).mean)
+        """Pass the past again in the runs that are rough; runs that are lost stay lost."""
+        now = self.estimate(b)
+        health, nominal = b.inner.health, _start(b.past, now.mean)
         inner = self.tangent.init(Gaussian(b.prior.mean - nominal, b.prior.cov), None)
         lost = np.where(health.failed_at >= 0, health.failed_at, inner.health.failed_at)
         frozen = health.frozen or inner.health.frozen
         inner = inner._replace(health=health._replace(epoch=0, failed_at=lost, frozen=frozen))
-        out = TwoPassBelief(inner, nominal, b.prior, ())
+        out = b._replace(inner=inner, nominal=nominal)
         for tr, me in b.past:
             out, _ = self._along(out, tr, me)
-        return out
+        if b.nominal is not None:
+            better = b.rough & (out.health.failed_at < 0)
+            out = out._replace(inner=mixed(better, out.inner, b.inner), nominal=choose(better, out.nominal, b.nominal))
+        variance = np.diagonal(now.cov, axis1=-2, axis2=-1)[..., PHI].max(axis=-1)
+        rough = b.rough & (variance > (GOOD_DEG * DEG) ** 2) & (out.health.failed_at < 0) & (b.passes < AGAIN)
+        return out._replace(past=b.past if rough.any() else (), rough=rough, passes=b.passes + 1)
 
     def _along(
         self, b: TwoPassBelief, tr: Transition, me: Measurement | None

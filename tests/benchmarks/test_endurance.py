@@ -12,7 +12,7 @@ ENDURANCE = runpy.run_path(str(ROOT / "benchmarks" / "endurance.py"))
 RUNS = 8
 
 
-@pytest.mark.parametrize("solver", ["ckf", "inekf", "smoother"])
+@pytest.mark.parametrize("solver", ["ckf", "inekf", "two_pass", "smoother"])
 def test_what_must_hold_all_day_long(solver):
     """80 minutes in 600 epochs."""
     seen = ENDURANCE["endure"](solver, ENDURANCE["task_of"](80 / 60, 8.0), RUNS)

@@ -95,7 +95,7 @@ class Episode:
         self._most = G
         N = len(runs) * G
         nav = NavState(*(part.reshape(N, -1) for part in ins.nav))
-        x = self._errors.prior(prior, (N,))
+        x = self._errors.prior(prior.P0, (N,))
         up = self._phi.stop - 1
         x.cov[:, up, up] = variance
         x = self._coordinates.prior(x, nav)

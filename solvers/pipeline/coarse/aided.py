@@ -76,13 +76,15 @@ class Windows(AllPairs):
         pairs = (u[L:] - u[:-L]) * (valid[L:] & valid[:-L])
         c = np.zeros(u.shape)
         c[:L] += self._fade() * u[:L]
-        weighted = np.einsum("k...i,k...j->...ij", c[:L], u[:L]) + np.einsum("k...i,k...j->...ij", pairs, pairs)
+        weighted = outer(c[:L], u[:L]).sum(axis=0) + outer(pairs, pairs).sum(axis=0)
         c[L:] += pairs
         c[:-L] -= pairs
         N = np.trace(weighted, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - weighted
         angle = self._rate * self._epoch_s * np.arange(1, K + 1)
         C_n = np.stack([earth_turn(one) for one in angle]) @ self._enu.T
-        return of_pairs(du, c, N, C @ attitude.to_dcm(q), C_n, self._epoch_s, self._prior)
+        ends = attitude.to_dcm(q)
+        middles = 0.5 * (ends + np.concatenate([np.broadcast_to(np.eye(3), (1, *ends.shape[1:])), ends[:-1]]))
+        return of_pairs(du, c, N, C @ middles, C_n, self._epoch_s, self._prior)
 
     def _own_velocity(self, obs: Observation) -> Array:
         """Return what the velocity of the base adds to v_i, C_n^i v + integral of C_n^i (omega_ie x v), (..., 3) m/s.

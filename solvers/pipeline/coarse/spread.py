@@ -17,6 +17,7 @@ from sins_env.arrays import Array
 from sins_env.prior import ANY_HEADING_STD_DEG, Prior
 from sins_env.states import ERRORS
 from sins_env.units import DEG
+from solvers.blocks.square_root import symmetrize
 
 PHI, DV, GYRO, ACCEL = (ERRORS[name] for name in ("phi", "dv", "gyro_bias", "accel_bias"))
 
@@ -29,17 +30,21 @@ class Spread(NamedTuple):
     noise: Array  #: (..., 3, 3) covariance by white noise, rad^2
 
 
-def told_by(spread: Spread, prior: Prior) -> Array:
+def told_by(spread: Spread, prior: Prior, q_nb: Array | None = None) -> Array:
     """Return P0 (..., 15, 15) in the layout ERRORS, with the misalignment of the spread in place of the prior's.
+
+    The biases are in body axes, or with an attitude q_nb (..., 4) in n.
 
     A heading that may be anything has the standard deviation of one that is drawn over the circle.
     """
     told = prior.P0
     P0 = np.broadcast_to(told, (*spread.noise.shape[:-2], *told.shape)).copy()
-    P0[..., PHI, PHI] = spread.noise
+    P0[..., PHI, PHI] = symmetrize(spread.noise)
     for slope, bias in ((spread.gyro, GYRO), (spread.accel, ACCEL)):
+        if q_nb is not None:
+            slope = slope @ attitude.to_dcm(q_nb).mT
         cross = slope @ told[bias, bias]
-        P0[..., PHI, PHI] += cross @ slope.mT
+        P0[..., PHI, PHI] += symmetrize(cross @ slope.mT)
         P0[..., PHI, bias], P0[..., bias, PHI] = cross, cross.mT
     scale = np.ones(P0.shape[:-1])
     sigma = np.sqrt(np.diagonal(P0[..., PHI, PHI], axis1=-2, axis2=-1))
@@ -73,7 +78,7 @@ def of_pairs(
         du: (K, ..., 3) m/s, velocity increments by specific force, in the inertial frame.
         coefficients: (K, ..., 3) m/s, the c_j.
         information: (..., 3, 3) m^2/s^2, N.
-        C_b: (K, ..., 3, 3), turns from body axes into the inertial frame.
+        C_b: (K, ..., 3, 3), turns from body axes into the inertial frame, means over the epochs.
         C_n: (K, 3, 3), turns from n into the inertial frame.
         epoch_s: s, length of an epoch.
         prior: the told errors.
@@ -82,7 +87,9 @@ def of_pairs(
     later = np.flip(np.cumsum(np.flip(coefficients, 0), axis=0), 0)  # sum of c_j from each epoch on
     B = -solved @ attitude.skew(later)  # theta = sum B nabla h
     D = -B @ attitude.skew(du)  # theta = sum D psi, psi the turn by the gyros so far
-    A = np.eye(3) + np.flip(np.cumsum(np.flip(D, 0), axis=0), 0)  # theta + psi = sum A eps h
+    A = (
+        np.eye(3) + np.flip(np.cumsum(np.flip(D, 0), axis=0), 0) - 0.5 * D
+    )  # theta + psi = sum A eps h, psi at mid-epoch
     G = solved @ attitude.skew(coefficients)  # theta = sum G (errors of fixes)
     R = C_n @ prior.R[:3, :3] @ C_n.mT
     R = R.reshape(len(R), *(1,) * (G.ndim - 3), 3, 3)

@@ -15,7 +15,6 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from scipy import linalg
 
 from sins_env.arrays import Array
 from sins_env.earth import Earth
@@ -66,10 +65,10 @@ class ErrorModel(ABC):
         """Return gyro bias rad/s and accelerometer bias m/s^2 in x, (..., 3) each; None if they are not fed back."""
         return None
 
-    def prior(self, prior: Prior, batch: tuple[int, ...]) -> Gaussian:
-        """Return N(0, P0) for every run: (*batch, n), (*batch, n, n)."""
-        P0 = self._told(prior.P0, [p.std for p in self.parameters])
-        return Gaussian(np.zeros((*batch, len(P0))), np.broadcast_to(P0, (*batch, *P0.shape)).copy())
+    def prior(self, P0: Array, batch: tuple[int, ...]) -> Gaussian:
+        """Return N(0, P0) for every run: (*batch, n), (*batch, n, n). P0 (..., 15, 15) is of ERRORS and may differ by run."""
+        own = self._told(P0, [p.std for p in self.parameters])
+        return Gaussian(np.zeros((*batch, own.shape[-1])), np.broadcast_to(own, (*batch, *own.shape[-2:])).copy())
 
     def noise(self, prior: Prior) -> Array:
         """Return the told Q (n, n) of one epoch."""
@@ -78,7 +77,10 @@ class ErrorModel(ABC):
     def _told(self, full: Array, std: Sequence[float] | None = None) -> Array:
         """Turn a covariance of ERRORS into one of the model's states; parameters have the deviations ``std`` (SI) or none."""
         places, units = ERRORS.places(self.core), self.core.si
-        own = full[np.ix_(places, places)] / np.outer(units, units)
+        n = self.states.size
+        own = np.zeros((*full.shape[:-2], n, n))
+        own[..., : len(places), : len(places)] = full[..., places[:, None], places] / np.outer(units, units)
         std = [0.0] * len(self.parameters) if std is None else std
-        more = [np.eye(p.size) * (one / p.si) ** 2 for p, one in zip(self.parameters, std, strict=True)]
-        return np.asarray(linalg.block_diag(own, *more))
+        for p, one in zip(self.parameters, std, strict=True):
+            own[..., self.states[p.name], self.states[p.name]] = np.eye(p.size) * (one / p.si) ** 2
+        return own

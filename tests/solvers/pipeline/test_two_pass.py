@@ -47,7 +47,7 @@ def test_on_a_linear_problem_it_is_the_kalman_filter(batch, as_function):
     # the first pass ends at step 20; it starts from a mean that is not zero, which _again must keep
     assert beliefs[18].nominal is None
     assert beliefs[19].nominal is not None
-    assert beliefs[-1].past == ()
+    assert (beliefs[-1].passes, len(beliefs[-1].past)) == (2, 50)  # again at step 40, for its angles are large
     assert beliefs[-1].health.epoch == 50
     for index in np.ndindex(*batch) if batch else [()]:
         expected, _ = kalman(*run_of(p, index))
@@ -147,11 +147,12 @@ def test_the_first_pass_is_the_ckf_and_the_second_leads_to_its_estimate():
 
 
 def test_a_batch_is_its_runs():
-    phi, _ = episode(3, 15.0, relinearise_s=10.0)
+    phi, together = episode(3, 15.0, relinearise_s=5.0)
+    assert together.belief.passes == 2  # at 5 and 10 s
     for i in range(3):
         env = gymnasium.make("SINS/AlignSway-v0", duration=15.0)
         obs, _ = env.reset(seed=5 + i)
-        estimator = TwoPass(relinearise_s=10.0)
+        estimator = TwoPass(relinearise_s=5.0)
         estimator.reset(env.unwrapped.task, np.random.default_rng(i))
         for k in range(150):
             obs, _, _, _, info = env.step(estimator.step(obs))
@@ -215,3 +216,24 @@ def test_settings(bad):
 def test_it_runs_open_loop():
     with pytest.raises(NotImplementedError, match="open loop"):
         TwoPassFilter().relocate(None, None, None)
+
+
+def test_a_rough_run_alone_is_linearised_again():
+    """At twice the time; the others go on along the trajectory they have, and what is no longer needed is dropped."""
+    rng = np.random.default_rng(8)
+    P0, Q, R = 1e-2 * spd(rng, 4), 1e-9 * spd(rng, 4), 1e-2 * spd(rng, 2)
+    z = [look(0.1 * rng.standard_normal((3, 4))) for _ in range(20)]
+    f = TwoPassFilter(1.0)
+    before = play(f, Gaussian(np.zeros((3, 4)), P0), z[:19], swing, Q, look, R)[-1]
+    assert before.passes == 1
+    step = Transition(swing, Q, None, DT), Measurement(z[19], look, R)
+    some = f.step(before._replace(rough=np.array([True, False, True])), *step)[0]
+    every = f.step(before._replace(rough=np.ones(3, dtype=bool)), *step)[0]
+    none = f.step(before._replace(rough=np.zeros(3, dtype=bool)), *step)[0]
+    for way, expected in ((some, [every, none, every]), (every, [every] * 3)):
+        for run, other in enumerate(expected):
+            np.testing.assert_array_equal(way.nominal[run], other.nominal[run])
+            np.testing.assert_array_equal(f.estimate(way).cov[run], f.estimate(other).cov[run])
+    assert np.abs(every.nominal - none.nominal).max(axis=-1).min() > 1e-6
+    assert (some.passes, none.passes) == (2, 1)
+    assert some.health.epoch == none.health.epoch == 20

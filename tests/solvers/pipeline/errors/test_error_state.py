@@ -144,7 +144,7 @@ def test_prior_is_selected_and_scaled():
         0.1,
         (1, 2, 15),
     )
-    mean, P = AlignmentErrors().prior(prior, (4,))
+    mean, P = AlignmentErrors().prior(prior.P0, (4,))
     assert mean.shape == (4, 10)
     std = np.sqrt(np.diagonal(P[2]))
     np.testing.assert_allclose(std, [0.2, 0.2, DEG, 2 * DEG, 15 * DEG, 0.1, 0.1, 0.02, 0.02, 0.02])

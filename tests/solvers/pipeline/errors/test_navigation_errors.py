@@ -184,7 +184,7 @@ def test_prior_noise_and_units():
         0.5,
         (1, 2, 15),
     )
-    mean, P = NavigationErrors().prior(prior, (4,))
+    mean, P = NavigationErrors().prior(prior.P0, (4,))
     assert mean.shape == (4, 15)
     std = np.sqrt(np.diagonal(P[2]))
     np.testing.assert_allclose(std, [DEG, 2 * DEG, 15 * DEG, *[0.2] * 3, *[10.0] * 3, *[0.02] * 3, *[0.1] * 3])
