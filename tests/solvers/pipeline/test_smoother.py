@@ -85,7 +85,7 @@ def off_the_posterior(solver, scale):
     return np.abs(mean).max(), np.abs(cov).max()
 
 
-@pytest.mark.parametrize("solver", ["ekf", "inekf"])
+@pytest.mark.parametrize("solver", ["ekf", "inekf", "eqf"])
 def test_it_is_the_posterior_of_the_whole_navigation_to_second_order(solver):
     """A quarter of the errors has a sixteenth of the difference in the mean, hence a quarter of it in standard deviations.
 
