@@ -219,7 +219,7 @@ def _length(tr: Transition) -> float:
 
 @register("fgo")
 class FGO(Pipeline):
-    """Factor-graph estimator over a sliding window, for alignment and navigation: tangents are taken again while it lasts.
+    """Factor-graph estimator whose tangents are taken again within a sliding window. After Dellaert & Kaess (2017) and Bell (1994).
 
     ``window_s``: length of the window, s. ``relinearise_s``: time from one set of tangents to the next, s. ``iterations``:
     largest number of Gauss-Newton steps then. ``tolerance``: move of a state, in standard deviations, that makes another one.
