@@ -4,9 +4,12 @@ import dataclasses
 import inspect
 import pickle
 
+import gymnasium
+import numpy as np
 import pytest
 from oracles.zoo import settings_of
 
+import sins_env  # noqa: F401
 import solvers
 from solvers.filters import make_filter, names
 from solvers.pipeline.estimator import Aligner, Navigator, Pipeline
@@ -94,3 +97,26 @@ def test_a_filter_shows_what_differs_from_its_defaults(name):
     changed = make_filter(name, **settings_of(name))
     assert eval(repr(changed), {type(changed).__name__: type(changed)}) == changed
     assert repr(pickle.loads(pickle.dumps(changed))) == repr(changed)
+
+
+@pytest.mark.parametrize(
+    ("env_id", "kwargs"),
+    [
+        ("SINS/AlignSway-v0", {"duration": 60.0, "n_sub": 3}),
+        ("SINS/NavFlight-v0", {"profile": "lu-gauss", "duration": 10.0}),
+    ],
+)
+def test_inekf_is_ekf_in_invariant_coordinates(env_id, kwargs):
+    """Through the whole pipeline, to the bit: answers and covariances; Euler coordinates give others."""
+    env = gymnasium.make_vec(env_id, num_envs=2, **kwargs)
+    obs, _ = env.reset(seed=3)
+    ways = [("inekf", {}), ("ekf", {"coordinates": "invariant", "feedback": "closed"}), ("ekf", {})]
+    estimators = [solvers.make(name, **settings) for name, settings in ways]
+    for estimator in estimators:
+        estimator.reset(env.unwrapped.task, [np.random.default_rng(i) for i in range(2)], 2)
+    for _ in range(60):
+        same, other, euler = (estimator.step(obs) for estimator in estimators)
+        np.testing.assert_array_equal(same, other)
+        obs, *_ = env.step(same)
+    np.testing.assert_array_equal(estimators[0].covariance(), estimators[1].covariance())
+    assert np.abs(euler - same).max() > 1e-6
