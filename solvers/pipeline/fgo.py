@@ -187,7 +187,7 @@ def eliminate(step: Step, before: Any, first: Array, last: Array | None = None) 
     if me is not None and not isinstance(me.h, Linear):
         me = me._replace(h=touching(*tangent(me.h, last, scale), last))
     after, innovation = KF().step(before, step.tr._replace(f=f), me)
-    surprise = np.zeros(first.shape[:-1]) if innovation is None else nis(innovation)
+    surprise = np.zeros(first.shape[:-1]) if innovation is None else nis(present(innovation))
     return Node(step, before, first, last, f, surprise), after, innovation
 
 
@@ -206,6 +206,13 @@ def substitute(past: tuple[Node, ...], last: Any) -> list[Array]:
 def misfit(past: tuple[Node, ...]) -> Array:
     """Return the least value (...) of the linearised problem: the sum of the normalised innovations squared."""
     return np.sum([node.surprise for node in past], axis=0)
+
+
+def present(innovation: Innovation) -> Innovation:
+    """Return the innovation with zero of variance one in the place of missing components."""
+    gone = np.isnan(innovation.residual)
+    S = np.where(gone[..., None] | gone[..., None, :], np.eye(gone.shape[-1]), innovation.cov)
+    return Innovation(np.where(gone, 0.0, innovation.residual), S)
 
 
 def touching(y: Array, J: Array, at: Array) -> Linear:

@@ -115,7 +115,8 @@ def test_runs_do_not_know_each_other():
     """Bit for bit, with a run that is lost and one whose fixes are missing now and then."""
     prior, steps = pendulum(7, (4,), steps=15, missing=0.0)
     has = np.random.default_rng(0).random(15) < 0.5
-    steps[8][1].z[3] = np.nan
+    steps[8][1].z[3] = np.inf
+    steps[5][1].z[0, 1] = np.nan
     together = []
     for (tr, me), seen in zip(steps, has, strict=True):
         R = np.broadcast_to(me.R, (4, 2, 2)).copy()
@@ -124,6 +125,8 @@ def test_runs_do_not_know_each_other():
     f = WindowFilter(6.0, relinearise_s=2.0, iterations=3)
     b = play(f, prior, together)[-1]
     np.testing.assert_array_equal(b.health.failed_at, [-1, -1, -1, 9])
+    for run in range(3):  # a component that is missing keeps no run from its iterations
+        assert any(np.abs(node.first[run] - node.before.mean[run]).max() > 1e-6 for node in b.past)
     for i in range(3):
         own = [(tr, me._replace(z=me.z[[i]], R=me.R[[i]])) for tr, me in together]
         alone = play(f, Gaussian(prior.mean[[i]], prior.cov[[i]]), own)[-1]
