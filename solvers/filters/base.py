@@ -30,6 +30,8 @@ class AnyBelief(Protocol):
 
 B = TypeVar("B", bound=AnyBelief)
 
+FEW = 4096  #: size of an array up to which BLAS works in the calling thread; waking others takes milliseconds on a busy machine
+
 
 @dataclass(frozen=True)
 class BatchFilter(Brief, ABC, Generic[B]):
@@ -228,14 +230,19 @@ def _arrays(b: Any) -> Iterator[Array]:
 
 
 def _finite(b: Any) -> bool:
-    """Return whether all runs are finite, by one sum of squares per array; one that overflows gives False too."""
+    """Return whether all runs are finite, by one sum per array; one that overflows gives False too."""
     for part in b:
         if type(part) is np.ndarray:
-            if part.dtype.kind == "f" and not math.isfinite(np.vdot(part, part)):
+            if part.dtype.kind == "f" and not math.isfinite(_gauge(part)):
                 return False
-        elif type(part) is not Health and not all(math.isfinite(np.vdot(a, a)) for a in _arrays((part,))):
+        elif type(part) is not Health and not all(math.isfinite(_gauge(a)) for a in _arrays((part,))):
             return False
     return True
+
+
+def _gauge(a: Array) -> float:
+    """Return a number that is finite only if all of ``a`` are: the sum of squares by BLAS, which takes threads for large arrays."""
+    return float(np.vdot(a, a) if a.size <= FEW else np.add.reduce(a, axis=None))
 
 
 def _finite_runs(b: Any) -> Mask:
