@@ -189,8 +189,9 @@ def tangent_moments(g: Function, x: Gaussian, at: Array) -> tuple[Moments, Array
     """Return the moments under the tangent of g at ``at`` (..., n), and the tangent's matrix (..., m, n)."""
     known = _known_tangent(g, at)
     value, J = _differences(g, at, standard_deviations(x.cov)) if known is None else known
-    y = linear_moments(Linear(J, value), x._replace(mean=x.mean - at))
-    return y, J
+    if at is x.mean:
+        return linear_moments(Linear(J), x)._replace(mean=value), J
+    return linear_moments(Linear(J, value), x._replace(mean=x.mean - at)), J
 
 
 @kernel("(n,n)->(n)")

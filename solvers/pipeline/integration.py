@@ -14,6 +14,8 @@ import numpy as np
 
 from sins_env import earth
 from sins_env.arrays import Array, Mask
+from sins_env.kernels import kernel
+from sins_env.kernels.algebra import put_row, row, subtract, vector
 from sins_env.prior import Prior
 from sins_env.states import ERRORS, Layout, answered
 from sins_env.types import NavState, Observation, Rng, Task
@@ -210,8 +212,8 @@ class Integration(ABC):
         """Return the increments of the epoch without the biases fed back so far."""
         if self.bias is None:
             return obs["dtheta"], obs["dvel"]
-        gyro, accel = self.bias
-        return obs["dtheta"] - gyro[..., None, :], obs["dvel"] - accel[..., None, :]
+        dtheta, dvel = _without(obs["dtheta"], obs["dvel"], *self.bias)
+        return dtheta, dvel
 
     def _feed_back(self, nav: NavState, x: Array) -> None:
         assert self.ins is not None
@@ -223,6 +225,14 @@ class Integration(ABC):
             self.bias = so_far[0] + per_sample * biases[0], so_far[1] + per_sample * biases[1]
         maps = reset.reset_maps(x, self._phi, self._fed)
         self.belief = self.filter.relocate(self.belief, *self._coordinates.reset(maps, before, nav))
+
+
+@kernel("(s,3),(s,3),(3),(3)->(s,3),(s,3)")
+def _without(dtheta: Array, dvel: Array, gyro: Array, accel: Array, new_dtheta: Array, new_dvel: Array) -> None:
+    """Fill in the increments of an epoch without the biases of gyro and accelerometer, per increment."""
+    for i in range(len(dtheta)):
+        put_row(subtract(row(dtheta, i), vector(gyro)), new_dtheta, i)
+        put_row(subtract(row(dvel, i), vector(accel)), new_dvel, i)
 
 
 def refuse_navigation(task: Task, what: str) -> None:

@@ -111,17 +111,21 @@ def logarithm_slope(xi: Array, x: Array, held: Array, J: Array) -> None:
     if dot(theta, theta) != dot(theta, theta):
         J[0, 0] = math.nan
         return
-    _, c = right_turn(theta)
-    half = coefficients(theta)[3]
-    T = skewed(theta)
-    back = add_identity(mix(-0.5, T, half, product(T, T)))
-    to = to_turn(vector(x))
+    c = right_turn(theta)[1]
+    back, to = turned_back(theta), to_turn(vector(x))
     put_block(product(back, to), J, 0, 0)
     for i in range(len(held)):
         true = subtract(row(held, i), part(x, i))
         below = mix(1.0, product(right_below(theta, part(xi, i), c), back), 1.0, skewed(true))
         put_block(back, J, i + 1, i + 1)
-        put_block(mix(-1.0, product(product(back, below), to), 0.0, T), J, i + 1, 0)
+        put_block(mix(-1.0, product(product(back, below), to), 0.0, to), J, i + 1, 0)
+
+
+@helper
+def turned_back(theta: Vector) -> Matrix:
+    """Return the inverse of the block of J that turns a vector."""
+    T = skewed(theta)
+    return add_identity(mix(-0.5, T, coefficients(theta)[3], product(T, T)))
 
 
 @helper
