@@ -134,19 +134,21 @@ def test_runs_do_not_know_each_other():
         np.testing.assert_array_equal(b.now.cov[[i]], alone.now.cov)
 
 
-def test_a_feedback_is_part_of_the_next_epoch():
-    """A move of the origin and its inverse in f change nothing, whatever the window linearises again."""
+def test_feedbacks_are_part_of_the_next_epoch():
+    """Two moves of the origin and axes, undone by f, change nothing, whatever the window linearises again."""
     prior, steps = pendulum(8)
-    shift = np.array([0.3, -0.2, 0.1, 0.5])
+    shift, M = np.array([0.3, -0.2, 0.1, 0.5]), np.random.default_rng(1).standard_normal((4, 4))
     f = WindowFilter(5.0, relinearise_s=0.0, iterations=4)
     plain, moved = f.init(prior), f.init(prior)
     for k, (tr, me) in enumerate(steps):
         plain, _ = f.step(plain, tr, me)
-        back = tr if k == 0 else tr._replace(f=lambda x: swing(x + shift))
+        back = tr if k == 0 else tr._replace(f=lambda x: swing(0.5 * x @ np.linalg.inv(M).T + shift))
         moved, _ = f.step(moved, back, me)
-        np.testing.assert_allclose(moved.now.mean, plain.now.mean, atol=1e-7)
-        moved = f.relocate(moved, lambda x: x - shift, lambda x: np.broadcast_to(np.eye(4), (*x.shape, 4)))
-        np.testing.assert_allclose(f.estimate(moved).mean, plain.now.mean - shift, atol=1e-7)
+        np.testing.assert_allclose(moved.now.mean, plain.now.mean, atol=1e-6)
+        moved = f.relocate(moved, lambda x: 2 * (x - shift), lambda x: np.broadcast_to(2 * np.eye(4), (*x.shape, 4)))
+        moved = f.relocate(moved, lambda x: x @ M.T, lambda x: np.broadcast_to(M, (*x.shape, 4)))
+        np.testing.assert_allclose(f.estimate(moved).mean, 2 * M @ (plain.now.mean - shift), atol=1e-6)
+        np.testing.assert_allclose(f.estimate(moved).cov, 4 * M @ plain.now.cov @ M.T, atol=1e-6)
 
 
 def test_without_iterations_it_is_the_invariant_filter():
