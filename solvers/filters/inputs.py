@@ -87,10 +87,14 @@ MISSES, IMPROPER = 1, 2  #: what ``_found`` tells of a component: it is missing,
 @helper
 def _improper(P: Array, i: int) -> bool:
     """Return whether row i of P, up to its diagonal, belongs to no covariance; NaN belongs to any."""
+    if P[i, i] != P[i, i]:
+        return False
     if P[i, i] < 0.0:
         return True
     for j in range(i):
         a, b, c = P[i, i], P[j, j], P[i, j]
+        if b != b or c != c or P[j, i] != P[j, i]:  # else the comparisons below would raise a flag
+            continue
         t = a if a > b else b
         if c * c > (1.0 + BEYOND) * a * b + 1e-12 * t * t or abs(c - P[j, i]) > BEYOND * t:
             return True

@@ -50,7 +50,7 @@ def test_they_stand_behind():
 def test_start_and_noise(plain, longer):
     prior = matched_prior(ImuSpec(arw_deg_sqrt_h=0.01, vrw_ug_sqrt_hz=5), GpsSpec(), 0.5, (1, 2, 15))
     n = plain.states.size
-    (mean, P), (_, P_plain) = longer.prior(prior, (4,)), plain.prior(prior, (4,))
+    (mean, P), (_, P_plain) = longer.prior(prior.P0, (4,)), plain.prior(prior.P0, (4,))
     assert mean.shape == (4, n + 3)
     np.testing.assert_array_equal(P[:, :n, :n], P_plain)
     np.testing.assert_allclose(P[1, n:, n:], np.diag([9.0, 25.0, 25.0]))  # in units of 1e-3
