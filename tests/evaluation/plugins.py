@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import time
+from functools import partial
 
 import numpy as np
 from threadpoolctl import threadpool_info
@@ -177,6 +178,34 @@ class Burns(DeadReckoning):
         while time.process_time() < end:
             pass
         time.sleep(self.seconds)
+        return super().step(obs)
+
+
+class Readings:
+    """A clock that counts its readings in a file, so that all processes have the same time."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __call__(self):
+        with open(self.path, "r+") as file:
+            count = int(file.read() or 0) + 1
+            file.seek(0)
+            file.write(str(count))
+        return float(count)
+
+
+class Reads(DeadReckoning):
+    """Takes so many readings of that clock at each epoch. With ``lies`` the clock of its own process then stands still."""
+
+    def __init__(self, path, readings=0, lies=False):
+        self.read, self.readings = partial(Readings.__call__, Readings(path)), readings
+        if lies:
+            Readings.__call__ = lambda self: 0.0
+
+    def step(self, obs):
+        for _ in range(self.readings):
+            self.read()
         return super().step(obs)
 
 
