@@ -34,22 +34,25 @@ from sins_env.evaluation.estimators.wire import Answer, Layout
 START_S = 300.0  #: longest time in which the first interpreter imports its modules, even on a busy machine
 LOOK_S = 0.1  #: period of the check that a silent process still runs and has time left
 FORK_S = 30.0  #: longest time in which a keeper forks a process, even on a busy machine
-GRACE_S = 1.0  #: time in which the keeper of a process tells how it ended
+GRACE_S = 1.0  #: time in which the keeper of a process tells how it ended, or an interpreter may be stopped
 END_S = 10.0  #: time in which the keeper ends a process, and whatever that has started
 #: exceptions of pickle for what cannot be sent to another process
 UNSENDABLE = (pickle.PicklingError, AttributeError, TypeError)
 #: Setting: a command that runs the interpreter of solvers, such as "runuser -u guest --".
 PREFIX = "SINS_ENV_SOLVER_PREFIX"
 MEMORY = "SINS_ENV_SOLVER_MEMORY_GB"  #: setting: most address space of a solver's process; "inf" is no limit
+#: Program of the interpreter of solvers, whose standard input is the socket. First it keeps its memory from other solvers.
 _KEEPER = """
+import ctypes
+getattr(ctypes.CDLL(None), "prctl", print)(4, 0, 0, 0, 0)
 try:
     from sins_env.evaluation.estimators.keeper import main
+    main()
 except Exception as error:
     import os
     os.write(0, f"{type(error).__name__}: {error}"[:1000].encode("utf-8", "replace"))
     raise SystemExit(1)
-main()
-"""  # standard input is the socket
+"""
 _NO_SUCH_SYSTEM = "a solver of another package has a process of its own, which needs Linux"
 
 
@@ -74,14 +77,25 @@ class _Starter:
                 start_new_session=True,
             )
         atexit.register(self.close)
-        self._socket.settimeout(START_S)
-        told = b""  # how it starts: one byte, or the line that tells why it cannot
-        while told != wire.STARTED and (more := self._socket.recv(wire.MAX_TEXT)):
-            told += more
+        told = self._beginning()
         if told != wire.STARTED:
             why = " ".join(told.decode("utf-8", "replace").split())
             prefix = f"{PREFIX}={self.prefix!r} does not run {sys.executable}" if self.prefix else CANNOT_START
             raise RuntimeError(f"the process that starts solvers cannot start: {why}" if why else prefix)
+
+    def _beginning(self) -> bytes:
+        """Return what the interpreter tells of its start: one byte, or the line that tells why it cannot."""
+        told, deadline = b"", time.monotonic() + START_S
+        self._socket.settimeout(GRACE_S)
+        while told != wire.STARTED and time.monotonic() < deadline:
+            try:
+                if not (more := self._socket.recv(wire.MAX_TEXT)):
+                    break
+                told += more
+            except TimeoutError:
+                self._wake()
+        self._socket.settimeout(START_S)
+        return told
 
     @property
     def usable(self) -> bool:

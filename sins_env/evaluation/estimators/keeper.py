@@ -30,6 +30,7 @@ from sins_env.writing.visible import visible
 
 MOST_OUTPUT = 16_384  #: most bytes of a solver's output that are passed on
 CUT = b"\n(the solver's further output is left out)\n"
+MOST_PROCESSES = 1024  #: most processes and threads that a solver starts, unless its user is root, whom nothing limits
 END_S = 5.0  #: longest time in which everything that a solver has started is ended
 _DEATH_SIGNAL, _SUBREAPER, _NO_NEW_PRIVILEGES = 1, 36, 38  # linux/prctl.h
 _PIECE = 4096  # what a pipe that is ready takes at once
@@ -41,18 +42,18 @@ def main() -> NoReturn:
         score.write("1000")  # the first to end if the machine has no memory left
     keep_secrets()  # no solver looks into, or writes to, what the next one is forked from
     messages = socket.socket(fileno=os.dup(0))
-    _null(0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     control(_SUBREAPER, 1)
     offers.own()  # import what most solvers use
     compile_all([one for one in KERNELS if not one.cold])  # loads those that are compiled, once for all solvers
     keep_freed_memory()
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # keepers need no burial
+    os.dup2(1, 0)  # the null device, which not every user may open
     try:
         messages.sendall(STARTED)
     except OSError:  # the evaluation has ended meanwhile
         os._exit(0)
-    _null(2)
+    os.dup2(1, 2)
     while True:
         message, files, _, _ = socket.recv_fds(messages, 1, 5)
         if not message:
@@ -65,10 +66,6 @@ def main() -> NoReturn:
             _keep(*files)
         for file in files:
             os.close(file)
-
-
-def _null(file: int) -> None:
-    os.dup2(os.open(os.devnull, os.O_RDWR), file)
 
 
 def _keep(told: int, requests: int, answers: int, memories: int, errors: int) -> NoReturn:
@@ -164,6 +161,23 @@ def _end_children(pid: int | None) -> None:
         time.sleep(0.001)
 
 
+def _processes() -> int:
+    """Return the number of processes and threads of this user, all of which the kernel's limit counts."""
+    user, found = os.getuid(), 0
+    for entry in os.scandir("/proc"):
+        if entry.name.isdigit():
+            with suppress(OSError):  # it has just ended
+                found += os.stat(f"{entry.path}/task").st_nlink - 2 if entry.stat().st_uid == user else 0
+    return found
+
+
+def _limit(what: int, most: int) -> None:
+    """Lower a limit of this process for good."""
+    hard = resource.getrlimit(what)[1]
+    most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+    resource.setrlimit(what, (most, most))
+
+
 def _become_solver(keeper: int, requests: int, answers: int, memories: int, prints: int) -> NoReturn:
     """Make this process one that a stranger may have: nothing open, its own session, limits; then serve."""
     control(_DEATH_SIGNAL, signal.SIGKILL)
@@ -180,6 +194,7 @@ def _become_solver(keeper: int, requests: int, answers: int, memories: int, prin
     sys.stdout = os.fdopen(1, "w", 1, "utf-8", "backslashreplace", closefd=False)
     sys.stderr = os.fdopen(2, "w", 1, "utf-8", "backslashreplace", closefd=False)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    _limit(resource.RLIMIT_NPROC, _processes() + MOST_PROCESSES)
     random.seed()
     np.random.seed()  # noqa: NPY002
     try:
