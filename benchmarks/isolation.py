@@ -2,8 +2,12 @@
 
     python benchmarks/isolation.py [RUNS ...]
 
-Both play the same runs in blocks that alternate. Times are CPU time: of both processes for the stranger, that of its own
-process by the kernel's clock. The whole chain is environment and estimator.
+Both play the same runs in blocks that alternate. An epoch of the whole chain is a step of the environment and one of the
+estimator for all runs together. Its time is CPU time, user and system: of this process, and for the stranger also of its
+solver's process, by the kernel's clock. The keeper and the starter sleep meanwhile and are not counted, neither is the start.
+While the two processes run one after the other on one core, the elapsed time grows by as much. What is printed is the median
+over blocks. Most of the cost is not work: after each change of the process its pages are looked up anew. A virtual machine
+therefore pays more than a real one, and a busy machine more than a quiet one.
 """
 
 from __future__ import annotations
