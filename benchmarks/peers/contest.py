@@ -27,6 +27,7 @@ class Entry:
     make: Callable[[Problem, int], Block]  #: makes the block for the first runs of the problem
     batched: bool = False  #: whether it takes many runs at once; else they are filtered one after another
     compiled: bool = False  #: whether the first call compiles
+    stepped: bool = True  #: whether it is called for each fix, as an environment wants it; else once for a whole record
     remark: str = ""  #: why it differs from our filter
 
 

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from rich.progress import Progress, track
 
-from peers import flight, ours
+from peers import by_hand, flight, ours, tables
 from peers.contest import Entry
 from peers.environment import PEERS
 from peers.problem import Problem, record
@@ -95,6 +95,7 @@ class Entered:
             "filter": self.entry.filter,
             "numbers": self.entry.numbers,
             "how": self.entry.how,
+            "stepped": self.entry.stepped,
             "us_per_step": 1e6 * self.blocks[1].step_s,
             "steps_per_s": {str(runs): 1 / self.blocks[FEW if looped else runs].step_s for runs in sizes},
             "looped": looped,
@@ -179,7 +180,7 @@ def measured(steps: int, rounds: int, sizes: Sequence[int]) -> dict[str, Any]:
     there = {name: module for name, module in modules.items() if module is not None}
     navigator = there.pop("pyins", None)
     problem = record(TASK, max(FEW, *sizes), steps)
-    entries = entered(problem, {"sins_env": ours, **there}, sizes, absent)
+    entries = entered(problem, {"sins_env": ours, tables.HAND: by_hand, **there}, sizes, absent)
     flights = flown(steps, navigator)
     loads = [os.getloadavg()[0]]
     others = play([*(t for e in entries for t in e.blocks.values()), *flights.values()], rounds)

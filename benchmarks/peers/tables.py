@@ -14,6 +14,7 @@ SAME = 1e-8  #: difference in standard deviations up to which two filters count 
 CLEARLY = 1.1  #: ratio of speeds from which on a filter counts as faster
 QUIET = 0.1  #: number of cores that other processes may keep busy on a quiet machine
 OWN = 1.0  #: load of the measurement itself
+OURS, HAND = "sins_env", "by hand"
 
 Result = Mapping[str, Any]  #: the measured result, or a row of it
 
@@ -28,7 +29,7 @@ def cells(row: Result) -> list[str]:
     """Return the cells of a row of the table of all filters."""
     loop = " *" if row["looped"] else "  "
     return [
-        f"{row['peer']}, {row['numbers']}",
+        package(row),
         row["filter"],
         digits(row["us_per_step"]),
         *(f"{digits(value / 1e3)}{loop}" for value in row["steps_per_s"].values()),
@@ -36,6 +37,11 @@ def cells(row: Result) -> list[str]:
         power(row["cov_differs"]),
         "" if row["first_call_s"] is None else f"{row['first_call_s']:.1f} s",
     ]
+
+
+def package(row: Result) -> str:
+    """Return the package of a row, the library on which it runs, and whether a call filters a whole record."""
+    return f"{row['peer']}, {row['numbers']}" + ("" if row["stepped"] else ", whole record")
 
 
 def digits(value: float) -> str:
@@ -153,14 +159,14 @@ def speed_table(result: Result) -> str:
     For each filter it has the microseconds per step of one run, and the thousand run-steps per second of many.
     """
     most = list(result["rows"][0]["steps_per_s"])[-1]
-    packages: dict[tuple[str, str], dict[str, Result]] = {}
+    packages: dict[str, dict[str, Result]] = {}
     for row in result["rows"]:
-        packages.setdefault((row["peer"], row["numbers"]), {})[row["filter"]] = row
+        packages.setdefault(package(row), {})[row["filter"]] = row
     lines = []
-    for (peer, numbers), found in packages.items():
+    for name, found in packages.items():
         alone = [digits(found[f]["us_per_step"]) if f in found else "" for f in FILTERS]
         many = [digits(found[f]["steps_per_s"][most] / 1e3) if f in found else "" for f in FILTERS]
-        lines.append([f"{peer}, {numbers}", *alone, *many])
+        lines.append([name, *alone, *many])
     head = ["", *(f"{f}, us" for f in FILTERS), *(f"{f}, k/s" for f in FILTERS)]
     return markdown_table(head, lines)
 
@@ -184,25 +190,46 @@ def section(result: Result) -> str:
 
 
 def faster(result: Result) -> list[str]:
-    """Return lines on the packages that are faster than sins_env, and by how much."""
-    ours = {r["filter"]: r for r in result["rows"] if r["peer"] == "sins_env"}
-    others = [r for r in result["rows"] if r["peer"] != "sins_env"]
+    """Return lines on the packages beside sins_env, fix by fix and with whole records, and by how much."""
+    ours = {r["filter"]: r for r in result["rows"] if r["peer"] == OURS}
+    others = [r for r in result["rows"] if r["peer"] not in (OURS, HAND)]
     most = list(ours["KF"]["steps_per_s"])[-1]
-    alone = [(r, ours[r["filter"]]["us_per_step"] / r["us_per_step"]) for r in others]
-    many = [(r, r["steps_per_s"][most] / ours[r["filter"]]["steps_per_s"][most]) for r in others]
-    slow = [1 / ratio for row, ratio in many if row["looped"]]
-    lines = [f"Faster than sins_env with one run: {listed(alone)}.", f"With {int(most):,} runs: {listed(many)}."]
-    if slow:
+    lines = []
+    for stepped, how in ((True, "Fix by fix"), (False, "With a whole record in one call")):
+        some = [row for row in others if row["stepped"] == stepped]
+        if not some:
+            continue
+        alone = [(row, ours[row["filter"]]["us_per_step"] / row["us_per_step"]) for row in some]
+        many = [(row, row["steps_per_s"][most] / ours[row["filter"]]["steps_per_s"][most]) for row in some]
         lines.append(
-            f"The packages that take one run at a time need {digits(min(slow))} to {digits(max(slow))} times as long on many."
+            f"{how}, faster than sins_env with one run: {listed(alone)}. With {int(most):,} runs: {listed(many)}."
         )
-    if any(r["numbers"] == "JAX" for r in others):
-        first = [r["first_call_s"] for r in others if r["first_call_s"] is not None]
+        if stepped:
+            lines += [slower(alone, "with one run"), slower(many, f"with {int(most):,} runs")]
+    if any(row["numbers"] == "JAX" for row in others):
+        first = [row["first_call_s"] for row in others if row["first_call_s"] is not None]
         lines.append(
-            "On JAX a whole record is one compiled call: it is not stepped fix by fix, as an environment wants it, "
-            f"and compiles first, here for {min(first):.1f} to {max(first):.1f} s."
+            "A whole record is not what an environment gives: it asks for an answer after each fix. "
+            f"JAX compiles first, here for {min(first):.1f} to {max(first):.1f} s."
         )
+    for row in result["rows"]:
+        if row["peer"] == HAND:
+            part = ours[row["filter"]]["steps_per_s"][most] / row["steps_per_s"][most]
+            lines.append(
+                f"`{row['filter'].lower()}` reaches {digits(part)} of the rate of one function that was written for this "
+                f"problem alone, with {int(most):,} runs."
+            )
     return lines
+
+
+def slower(ratios: Sequence[tuple[Result, float]], where: str) -> str:
+    """Return how many times as long the fastest other package takes, for each filter."""
+    found = {}
+    for row, ratio in ratios:
+        if row["filter"] not in found or ratio > found[row["filter"]][1]:
+            found[row["filter"]] = package(row), ratio
+    text = ", ".join(f"{name} {digits(1 / ratio)} ({peer})" for name, (peer, ratio) in found.items())
+    return f"The fastest other filter {where}, in times of ours: {text}."
 
 
 def listed(ratios: Sequence[tuple[Result, float]]) -> str:
@@ -210,5 +237,5 @@ def listed(ratios: Sequence[tuple[Result, float]]) -> str:
     found: dict[str, list[str]] = {}
     for row, ratio in ratios:
         if ratio > CLEARLY:
-            found.setdefault(f"{row['peer']} ({row['numbers']})", []).append(f"{row['filter']} {digits(ratio)}")
+            found.setdefault(package(row), []).append(f"{row['filter']} {digits(ratio)}")
     return "; ".join(f"{name} {', '.join(each)} times" for name, each in found.items()) if found else "none"

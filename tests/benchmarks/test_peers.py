@@ -16,6 +16,7 @@ from places import ROOT
 
 RESULT = json.loads((ROOT / "benchmarks" / "peers.json").read_text())
 MODULES = [
+    "by_hand",
     "environment",
     "features",
     "flight",
@@ -47,6 +48,21 @@ def problem(peers):
 def test_the_readme_says_what_was_measured(peers):
     markers = importlib.import_module("markers")
     assert markers.between((ROOT / "README.md").read_text(), "peers") == peers["tables"].section(RESULT)
+
+
+def test_fix_by_fix_and_whole_records_are_told_apart(peers):
+    """With times made up for both ways of dynamax, the text says which is faster, and where."""
+    ours = [row for row in RESULT["rows"] if row["peer"] == "sins_env"]
+    rows = list(ours)
+    for row in ours:
+        for stepped, longer in ((True, 1.5), (False, 0.5)):
+            speeds = {runs: speed / longer for runs, speed in row["steps_per_s"].items()}
+            told = {"peer": "dynamax", "numbers": "JAX", "stepped": stepped, "first_call_s": 1.0, "steps_per_s": speeds}
+            rows.append({**row, **told, "us_per_step": longer * row["us_per_step"]})
+    text = "\n".join(peers["tables"].faster({**RESULT, "rows": rows}))
+    assert "Fix by fix, faster than sins_env with one run: none. With 1,024 runs: none." in text
+    assert "with 1,024 runs, in times of ours: KF 1.5 (dynamax, JAX), EKF 1.5 (dynamax, JAX)" in text
+    assert "in one call, faster than sins_env with one run: dynamax, JAX, whole record KF 2.0, EKF 2.0" in text
 
 
 def test_the_plain_map_is_the_map_of_the_pipeline(problem, peers):
@@ -98,6 +114,7 @@ def test_what_is_not_installed_or_fails_is_said_and_the_others_are_measured(peer
         raise TypeError("on purpose")
 
     monkeypatch.setattr(peers["measuring"], "BLOCK_S", 1e-4)
+    monkeypatch.setattr(peers["by_hand"], "entries", list)  # its compilation takes seconds
     for name in ("jax", "dynamax", "stonesoup", "kalman_py"):
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setattr(peers["on_filterpy"].EKF, "update", broken)

@@ -142,7 +142,11 @@ class Elsewhere(Borrowed):
         except TimeoutError as error:
             raise self._without_workers(CONNECT_S) from error
         asked = [(solver, pairs[solver, task].task) for solver, task in pairs]
-        found = self.client.run(_environments, asked, on_error="return")
+        try:
+            answers = self.client.run(_environments, asked, on_error="return")
+        except OSError as error:
+            raise self._cancelled() from error
+        found = {worker: has for worker, has in answers.items() if not isinstance(has, OSError)}  # the others are gone
         told = [text for worker, has in found.items() if (text := _difference(worker, has, list(wanted.values())))]
         if told:
             more = f" ({len(told)} of {len(found)} workers differ)" if len(told) > 1 else ""
