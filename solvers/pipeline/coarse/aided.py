@@ -12,7 +12,7 @@ from sins_env.arrays import Array
 from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.fits import Fit
 from solvers.pipeline.coarse.inertial import AllPairs, earth_turn, outer
-from solvers.pipeline.coarse.spread import Spread, of_pairs
+from solvers.pipeline.coarse.spread import BLOCK, Spread, of_pairs
 from solvers.pipeline.strapdown import cross, end_rate
 
 WINDOW_S = 60.0  #: s, length of a window; it is cut to half of the coarse phase if that is shorter
@@ -76,15 +76,18 @@ class Windows(AllPairs):
         pairs = (u[L:] - u[:-L]) * (valid[L:] & valid[:-L])
         c = np.zeros(u.shape)
         c[:L] += self._fade() * u[:L]
-        weighted = outer(c[:L], u[:L]).sum(axis=0) + outer(pairs, pairs).sum(axis=0)
+        weighted = profile(c[:L], u[:L]) + profile(pairs, pairs)
         c[L:] += pairs
         c[:-L] -= pairs
         N = np.trace(weighted, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - weighted
         angle = self._rate * self._epoch_s * np.arange(1, K + 1)
         C_n = np.stack([earth_turn(one) for one in angle]) @ self._enu.T
-        ends = attitude.to_dcm(q)
-        middles = 0.5 * (ends + np.concatenate([np.broadcast_to(np.eye(3), (1, *ends.shape[1:])), ends[:-1]]))
-        return of_pairs(du, c, N, C @ middles, C_n, self._epoch_s, self._prior)
+        starts = np.concatenate([np.broadcast_to([1.0, 0.0, 0.0, 0.0], (1, *q.shape[1:])), q[:-1]])
+
+        def C_b(part: slice) -> Array:
+            return 0.5 * C @ (attitude.to_dcm(starts[part]) + attitude.to_dcm(q[part]))
+
+        return of_pairs(du, c, N, C_b, C_n, self._epoch_s, self._prior)
 
     def _own_velocity(self, obs: Observation) -> Array:
         """Return what the velocity of the base adds to v_i, C_n^i v + integral of C_n^i (omega_ie x v), (..., 3) m/s.
@@ -102,3 +105,9 @@ class Windows(AllPairs):
         if not self._lever.any():
             return np.zeros(3)
         return self._in_start_axes(cross(end_rate(obs["dtheta"], self._epoch_s), self._lever))
+
+
+def profile(u: Array, v: Array) -> Array:
+    """Return the sum of u v' (..., 3, 3) over K pairs (K, ..., 3); a row of a batch has the bits of the row alone."""
+    blocks = (slice(i, i + BLOCK) for i in range(0, len(u), BLOCK))
+    return np.add.reduce([outer(u[block], v[block]).sum(axis=0) for block in blocks])

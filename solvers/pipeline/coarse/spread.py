@@ -8,6 +8,7 @@ Equations: docs/mathematics/coarse_alignment.md#spread.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,8 @@ from sins_env.units import DEG
 from solvers.blocks.square_root import symmetrize
 
 PHI, DV, GYRO, ACCEL = (ERRORS[name] for name in ("phi", "dv", "gyro_bias", "accel_bias"))
+
+BLOCK = 50  #: number of epochs whose matrices are held at a time
 
 
 class Spread(NamedTuple):
@@ -68,7 +71,13 @@ def of_means(
 
 
 def of_pairs(
-    du: Array, coefficients: Array, information: Array, C_b: Array, C_n: Array, epoch_s: float, prior: Prior
+    du: Array,
+    coefficients: Array,
+    information: Array,
+    C_b: Callable[[slice], Array],
+    C_n: Array,
+    epoch_s: float,
+    prior: Prior,
 ) -> Spread:
     """Return the spread of a fit to K pairs of vectors in the inertial frame, at the last epoch.
 
@@ -78,22 +87,35 @@ def of_pairs(
         du: (K, ..., 3) m/s, velocity increments by specific force, in the inertial frame.
         coefficients: (K, ..., 3) m/s, the c_j.
         information: (..., 3, 3) m^2/s^2, N.
-        C_b: (K, ..., 3, 3), turns from body axes into the inertial frame, means over the epochs.
+        C_b: gives for a slice of epochs (k, ..., 3, 3), turns from body axes into the inertial frame, means over the epochs.
         C_n: (K, 3, 3), turns from n into the inertial frame.
         epoch_s: s, length of an epoch.
         prior: the told errors.
     """
-    solved = np.linalg.inv(information)
-    later = np.flip(np.cumsum(np.flip(coefficients, 0), axis=0), 0)  # sum of c_j from each epoch on
-    B = -solved @ attitude.skew(later)  # theta = sum B nabla h
-    D = -B @ attitude.skew(du)  # theta = sum D psi, psi the turn by the gyros so far
-    A = (
-        np.eye(3) + np.flip(np.cumsum(np.flip(D, 0), axis=0), 0) - 0.5 * D
-    )  # theta + psi = sum A eps h, psi at mid-epoch
-    G = solved @ attitude.skew(coefficients)  # theta = sum G (errors of fixes)
-    R = C_n @ prior.R[:3, :3] @ C_n.mT
-    R = R.reshape(len(R), *(1,) * (G.ndim - 3), 3, 3)
-    noise = (A @ prior.Q[PHI, PHI] @ A.mT + B @ prior.Q[DV, DV] @ B.mT + G @ R @ G.mT).sum(axis=0)
+    solved, eye = np.linalg.inv(information), np.eye(3)
+    later = np.zeros(du.shape[1:])  # sum of c_j from an epoch on
+    after = np.zeros(information.shape)  # sum of D from an epoch on
+    noise, gyro, accel = (np.zeros(information.shape) for _ in range(3))
+    for end in range(len(du), 0, -BLOCK):
+        part = slice(max(end - BLOCK, 0), end)
+        c = coefficients[part]
+        sums = later + _from_the_end(c)
+        B = -solved @ attitude.skew(sums)  # theta = sum B nabla h
+        D = -B @ attitude.skew(du[part])  # theta = sum D psi, psi the turn by the gyros so far
+        turns = after + _from_the_end(D)
+        A = eye + turns - 0.5 * D  # theta + psi = sum A eps h, psi at mid-epoch
+        later, after = sums[0], turns[0]
+        G = solved @ attitude.skew(c)  # theta = sum G (errors of fixes)
+        R = C_n[part] @ prior.R[:3, :3] @ C_n[part].mT
+        R = R.reshape(len(R), *(1,) * (G.ndim - 3), 3, 3)
+        noise += (A @ prior.Q[PHI, PHI] @ A.mT + B @ prior.Q[DV, DV] @ B.mT + G @ R @ G.mT).sum(axis=0)
+        body = C_b(part)
+        gyro += epoch_s * (A @ body).sum(axis=0)
+        accel += epoch_s * (B @ body).sum(axis=0)
     to_n = -C_n[-1].T  # phi is the turn back, in n
-    gyro, accel = (epoch_s * (slope @ C_b).sum(axis=0) for slope in (A, B))
     return Spread(to_n @ gyro, to_n @ accel, to_n @ noise @ to_n.T)
+
+
+def _from_the_end(a: Array) -> Array:
+    """Return the sums of a (K, ...) from each epoch to the last."""
+    return np.flip(np.cumsum(np.flip(a, 0), axis=0), 0)
