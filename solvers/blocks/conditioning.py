@@ -18,6 +18,10 @@ from sins_env.kernels import helper, kernel
 from solvers.blocks.square_root import cholesky, symmetrize
 from solvers.types import Gaussian, Innovation, Moments
 
+#: Least variance after a fix, relative to that before. P - W'W keeps no more digits: without a floor a prior of 1e16 would
+#: leave variances of either sign.
+ROUNDING = 2e-15
+
 
 def gain(predicted: Moments) -> tuple[Array, Array, Mask | None]:
     """Return K (..., n, m), W (..., m, n) with W'W = K S K', and a mask (...) of the runs whose S was repaired.
@@ -98,6 +102,9 @@ def _posterior(
             mean[j] += W[i, j] * e[i]
             for k in range(j + 1):
                 cov[j, k] -= W[i, j] * W[i, k]
+        least = ROUNDING * P[j, j]
+        if cov[j, j] < least:
+            cov[j, j] = least
         for k in range(j):
             cov[k, j] = cov[j, k]
 
@@ -110,7 +117,26 @@ def posterior_cov(prior: Gaussian, predicted: Moments, K: Array) -> Array:
     """
     best, W, _ = gain(predicted)
     apart = K - best
-    return prior.cov - W.mT @ W + symmetrize(apart @ predicted.cov @ apart.mT)
+    return above_rounding(prior.cov - W.mT @ W + symmetrize(apart @ predicted.cov @ apart.mT), prior.cov)
+
+
+def above_rounding(cov: Array, before: Array) -> Array:
+    """Return a covariance (..., n, n) after a fix with variances of at least ``ROUNDING`` times those before it."""
+    lost = ROUNDING * np.diagonal(before, axis1=-2, axis2=-1) - np.diagonal(cov, axis1=-2, axis2=-1)
+    return cov + np.maximum(lost, 0.0)[..., None] * np.eye(lost.shape[-1]) if (lost > 0.0).any() else cov
+
+
+def noise_about(R: Array, S: Array, told: Array) -> Array:
+    """Return the noise about the slope of h, R (..., m, m) = S - H P H', where it is more than the rounding of S.
+
+    In the other runs it is the told noise. One that is zero becomes the least that the rounding of S lets see.
+    """
+    size = np.diagonal(S, axis1=-2, axis2=-1)
+    low = np.asarray((np.diagonal(R, axis1=-2, axis2=-1) < 1e-12 * size).any(axis=-1))
+    if not low.any():
+        return R
+    least = np.where(np.diagonal(told, axis1=-2, axis2=-1) > 10.0 * ROUNDING**2 * size, 0.0, ROUNDING * size)
+    return np.where(low[..., None, None], told + least[..., None] * np.eye(size.shape[-1]), R)
 
 
 def nis(innovation: Innovation) -> Array:

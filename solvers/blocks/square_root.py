@@ -16,6 +16,7 @@ from sins_env.kernels import kernel
 
 Root = Callable[[Array], tuple[Array, Mask | None]]  #: from P (..., n, n) to a root, and which items were repaired
 
+KNOWN = 1e-13  #: largest pivot of a root, relative to its row, that is rounding
 FLOOR = 1e-12  #: smallest eigenvalue of a repaired correlation matrix, relative to its largest
 
 
@@ -38,6 +39,19 @@ def tria(M: Array) -> Array:
     """Return the lower triangular S (..., n, n) with S S' = M M' and diagonal >= 0, for M (..., n, k), k >= n."""
     S = cast(Array, np.linalg.qr(M.mT, mode="r")).mT
     return S * np.where(np.diagonal(S, axis1=-2, axis2=-1) < 0, -1.0, 1.0)[..., None, :]
+
+
+def without_known(S: Array) -> tuple[Array, Mask | None]:
+    """Return a lower root (..., m, m) with a zero pivot where rounding alone has left one, and a mask (...) of these runs.
+
+    Such a component follows from those before it, and hence gets no gain.
+    """
+    size = np.sqrt(np.square(S).sum(axis=-1))
+    pivot = np.abs(np.diagonal(S, axis1=-2, axis2=-1))
+    known: Mask = (pivot <= KNOWN * size) & (size > 0.0)
+    if not known.any():
+        return S, None
+    return np.where(known[..., None] & np.eye(S.shape[-1], dtype=bool), 0.0, S), np.asarray(known.any(axis=-1))
 
 
 def cholesky(P: Array) -> tuple[Array, Mask | None]:

@@ -28,7 +28,7 @@ import numpy as np
 
 from sins_env.arrays import Array
 from sins_env.checks import keep, number
-from solvers.blocks.conditioning import gain, posterior_cov
+from solvers.blocks.conditioning import above_rounding, gain, posterior_cov
 from solvers.blocks.mixtures import spread_measurement, spread_transition
 from solvers.blocks.moments import moments, transform
 from solvers.blocks.square_root import any_of, symmetrize
@@ -86,7 +86,7 @@ class MixedHinfUKF(UnscentedHinf[MixedBelief]):
         y = y._replace(cov=y.cov + each.R)
         K, W, repaired_S = gain(y)
         b = count(count(b, any_of(repaired)), any_of(repaired_S))
-        posterior = b.covs - W.mT @ W
+        posterior = above_rounding(b.covs - W.mT @ W, b.covs)
         b = self.bound(b, posterior[..., HINF, :, :])
         posterior[..., HINF, :, :] = inflate(posterior[..., HINF, :, :], b.weight, b.theta)
         d = self.share(posterior, b.weight)

@@ -2,14 +2,15 @@
 
 Source: R. Labbe, filterpy 2.0.0, classes KalmanFilter, ExtendedKalmanFilter, UnscentedKalmanFilter.
 One run at a time: batch shape (), ``batched`` False. A filterpy object is made for each step and given the belief, so it
-keeps nothing between steps. Its cubature filter is not offered, because its update leaves out Q. A covariance that filterpy
-cannot factor freezes the run; nothing is repaired for it.
+keeps nothing between steps. Its cubature filter is not offered, because its update leaves out Q. If filterpy cannot factor
+a covariance, the step is tried once more with P repaired and R a little wider, and counted as a repair.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
@@ -21,13 +22,16 @@ import scipy.linalg
 from sins_env.arrays import Array
 from solvers.blocks.moments import standard_deviations, tangent
 from solvers.blocks.sigma_rules import Unscented
-from solvers.filters.base import filled, settle
+from solvers.blocks.square_root import cholesky
+from solvers.filters.base import count, filled, settle
 from solvers.filters.brief import Brief
 from solvers.filters.gaussian import Belief, GaussianFilter, initial_belief
 from solvers.filters.inputs import checked_measurement, checked_transition, picked, unwound, wrapped
 from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Function, Gaussian, Innovation, Measurement, Transition
+
+WIDEN = 1e-10  #: relative increase of the variances of a fix with a singular S
 
 
 @cache
@@ -91,17 +95,25 @@ class FilterpyFilter(Brief, ABC):
         """Do what ``step`` does, for a transition and a measurement that are checked and complete."""
         lost = Gaussian(np.full_like(b.mean, np.nan), b.cov), None
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            repaired, (x, innovation) = None, lost
             try:
-                o = self.run(b, tr, me)
-                x = Gaussian(np.array(o.x), np.array(o.P))
-                innovation = None if me is None else Innovation(np.array(o.y), np.array(o.S))
+                x, innovation = self._run(b, tr, me)
             except np.linalg.LinAlgError:
-                x, innovation = lost
-        after = settle(b, b._replace(mean=x.mean, cov=x.cov))
+                root, _ = cholesky(b.cov)
+                widened = me and me._replace(R=me.R + WIDEN * np.diag(np.diagonal(me.R)))
+                with suppress(np.linalg.LinAlgError):
+                    x, innovation = self._run(b._replace(cov=root @ root.T), tr, widened)
+                    repaired = np.ones((), dtype=bool)
+        after = settle(b, count(b._replace(mean=x.mean, cov=x.cov), repaired))
         if me is not None and after.health.frozen:
             m = me.z.shape[-1]
             innovation = Innovation(np.full(m, np.nan), np.full((m, m), np.nan))
         return after, innovation
+
+    def _run(self, b: Belief, tr: Transition, me: Measurement | None) -> tuple[Gaussian, Innovation | None]:
+        o = self.run(b, tr, me)
+        x = Gaussian(np.array(o.x), np.array(o.P))
+        return x, None if me is None else Innovation(np.array(o.y), np.array(o.S))
 
     def estimate(self, b: Belief) -> Gaussian:
         return Gaussian(b.mean, b.cov)

@@ -131,7 +131,9 @@ class GaussianParticles(GaussianFilter[Belief]):
         """Return the moments of the weighted particles, their effective sample size as a share, and the repaired runs."""
         q = self.proposal(prior, kalman, law)
         x, repaired = self.drawn(q, b, CORRECT)
-        log_w = log_density(wrapped(me.z[..., None, :] - through(h, x, self.memory_mb), me.turns), me.R, law)
+        log_w = log_density(
+            wrapped(me.z[..., None, :] - through(h, x, self.memory_mb), me.turns), me.R, law, exact=True
+        )
         if q is not prior:
             log_w += log_density(x - prior.mean[..., None, :], prior.cov)
             log_w -= log_density(x - q.mean[..., None, :], q.cov)

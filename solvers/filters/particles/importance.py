@@ -24,18 +24,18 @@ LIKELIHOODS = ("told", "gaussian")
 TEMPORARIES = 16
 
 
-def log_density(residual: Array, R: Array, law: NoiseLaw | None = None) -> Array:
+def log_density(residual: Array, R: Array, law: NoiseLaw | None = None, exact: bool = False) -> Array:
     """Return log p(v) (..., M) at v = ``residual`` (..., M, m), for N(0, R) or the told law with scale matrix R.
 
-    Directions in which R is zero do not count.
+    Directions in which R is zero do not count. With ``exact`` they do: the density of a residual that is not zero there is zero.
     """
     law = law or NoiseLaw()
-    density: Array = _log_density(residual, cholesky(R)[0], law.share, law.factor, law.dof)
+    density: Array = _log_density(residual, cholesky(R)[0], law.share, law.factor, law.dof, exact)
     return density
 
 
-@kernel("(p,m),(m,m),(),(),()->(p)")
-def _log_density(v: Array, L: Array, share: float, factor: float, dof: float, out: Array) -> None:
+@kernel("(p,m),(m,m),(),(),(),()->(p)", "ddddd?d")
+def _log_density(v: Array, L: Array, share: float, factor: float, dof: float, exact: bool, out: Array) -> None:
     points, m = v.shape
     log_det = -0.5 * m * math.log(2.0 * math.pi)
     for i in range(m):
@@ -50,6 +50,10 @@ def _log_density(v: Array, L: Array, share: float, factor: float, dof: float, ou
                 for j in range(LANES):
                     X[i, j] -= L[i, k] * X[k, j]
             inverse = reciprocal(L[i, i])
+            if exact and inverse == 0.0:
+                for j in range(LANES):
+                    if X[i, j] != 0.0:
+                        squared[j] = math.inf
             for j in range(LANES):
                 X[i, j] *= inverse
                 squared[j] += X[i, j] * X[i, j]

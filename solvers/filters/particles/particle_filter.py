@@ -16,7 +16,7 @@ from solvers.filters.particles.importance import LIKELIHOODS, systematic
 from solvers.filters.particles.random_points import Keys, check_enough, draw, particle_count, run_keys, uniforms
 from solvers.types import Gaussian, Health
 
-PREDICT, RESAMPLE, ROUGHEN, START = range(4)  #: what a draw is for, so that each has random numbers of its own
+PREDICT, RESAMPLE, ROUGHEN, START, SEEN = range(5)  #: what a draw is for, so that each has random numbers of its own
 
 
 class Cloud(NamedTuple):

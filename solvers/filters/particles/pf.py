@@ -87,7 +87,7 @@ class PF(ParticleFilter):
         before, y = np.exp(b.log_w), through(me.h, b.x, self.memory_mb)
         prior, seen = cloud_images(me.h, b.x, y, before)
         law = law_for(self.likelihood, me.law)
-        w, _ = normalise(b.log_w + log_density(wrapped(me.z[..., None, :] - y, me.turns), me.R, law))
+        w, _ = normalise(b.log_w + log_density(wrapped(me.z[..., None, :] - y, me.turns), me.R, law, exact=True))
         number = effective(w)
         few = self.too_few(number, b.x.shape[-1])
         x, rows = b.x, (number < self.resample * self.particles) & ~few

@@ -11,8 +11,10 @@ Departures: both sources take each x_i as a point whose transition density is N(
 uncertain. In alignment Q is tiny, and zero for the biases, while P_i is not. The two densities then never meet, and one
 particle takes all the weight, even if Q has a floor. Here P_i makes the transition density. After each fix the particles give
 up the share ``kernel`` of their covariance V: x_i shrinks towards the mean, and P_i = kernel V (Liu and West's kernel). The
-mixture of all then has the mean and covariance of the particles, and P-_i > 0 needs no floor. Draws are fitted to the moments
-of the mixture from which they come, as in pf.py. Its rule for too few particles holds here too.
+mixture of all then has the mean and covariance of the particles, and P-_i > 0 needs no floor. If h is linear, only what the
+fix shows is weighed (Rao-Blackwell), as in gaussian_particles.py; otherwise chance takes the covariance of all other
+directions away. Draws are fitted to the moments of the mixture from which they come, as in pf.py. Its rule for too few
+particles holds here too.
 """
 
 from __future__ import annotations
@@ -20,20 +22,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 
 from sins_env.arrays import Array, Mask
 from sins_env.checks import keep, number
 from sins_env.kernels import kernel
-from solvers.blocks.conditioning import condition, log_normal
+from solvers.blocks.conditioning import condition, log_normal, root_gain
 from solvers.blocks.mixtures import collapse, effective, normalise, spread, spread_measurement, widen
-from solvers.blocks.moments import Linearized, MomentRule, SigmaPoints, moments, transform
+from solvers.blocks.moments import Linearized, MomentRule, SigmaPoints, linear_moments, moments, transform
 from solvers.blocks.sigma_rules import Unscented
 from solvers.blocks.square_root import any_of, cholesky, symmetrize
 from solvers.filters.base import count
 from solvers.filters.inputs import wrapped
+from solvers.filters.particles.gaussian_particles import lifted
 from solvers.filters.particles.importance import (
     bandwidth,
     fit,
@@ -42,12 +45,12 @@ from solvers.filters.particles.importance import (
     stand_in,
     through,
 )
-from solvers.filters.particles.particle_filter import PREDICT, ParticleFilter, log_weights
+from solvers.filters.particles.particle_filter import PREDICT, SEEN, ParticleFilter, log_weights
 from solvers.filters.particles.planes import cloud_moments, taken
 from solvers.filters.particles.random_points import Keys, normals
 from solvers.filters.relations import Relation
 from solvers.registry import register
-from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
+from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Moments, NoiseLaw, Transition
 
 
 class Swarm(NamedTuple):
@@ -100,16 +103,21 @@ class KalmanParticles(ParticleFilter):
         y, repaired = moments(own.h, prior, self.rule)
         R = stand_in(own.z - y.mean, y.cov, own.R, law)
         hat, _, repaired_S = condition(prior, y._replace(cov=y.cov + R), own.z)
-        S, repaired_P = cholesky(hat.cov)
         N = normals("random", b.key, b.health.epoch, PREDICT, *b.x.shape[-2:])
-        x, lost = fit(_drawn(hat.mean, S, N), _mixture(before, *hat), before)
-        v = wrapped(me.z[..., None, :] - through(me.h, x, self.memory_mb), me.turns)
-        log_w = b.log_w + log_density(v, me.R, law)
-        log_w += log_normal(x - prior.mean, cholesky(prior.cov)[0]) - log_normal(x - hat.mean, S)
-        w, _ = normalise(log_w)
+        marginal = isinstance(me.h, Linear)
+        if marginal:
+            hat, log_w, repaired_P = self._seen(b, prior, y, hat, me, law)
+            x, lost = _drawn(hat.mean, cholesky(hat.cov)[0], N), None
+        else:
+            S, repaired_P = cholesky(hat.cov)
+            x, lost = fit(_drawn(hat.mean, S, N), _mixture(before, *hat), before)
+            v = wrapped(me.z[..., None, :] - through(me.h, x, self.memory_mb), me.turns)
+            log_w = log_density(v, me.R, law, exact=True)
+            log_w += log_normal(x - prior.mean, cholesky(prior.cov)[0]) - log_normal(x - hat.mean, S)
+        w, _ = normalise(b.log_w + log_w)
         number = effective(w)
         few = self.too_few(number, x.shape[-1])
-        target = cloud_moments(x, w)
+        target = self._lifted(b, me.h, hat, w) if isinstance(me.h, Linear) else cloud_moments(x, w)
         rows = (number < self.resample * self.particles) & ~few
         if rows.any():
             x[rows] = taken(x[rows], self.survivors(b, w, rows))
@@ -126,6 +134,39 @@ class KalmanParticles(ParticleFilter):
         for mask in (repaired, repaired_S, repaired_P):
             b = count(b, any_of(mask))
         return count(b, lost), Innovation(me.z - seen.mean, seen.cov + me.R)
+
+    def _seen(
+        self, b: Swarm, prior: Gaussian, y: Moments, hat: Gaussian, me: Measurement, law: NoiseLaw | None
+    ) -> tuple[Gaussian, Array, Any]:
+        """Return each particle after a linear fix (Rao-Blackwell), what its weight gains (..., M), and the repaired runs.
+
+        With Gaussian noise the particle is its Kalman result, and gains the density of the fix. Otherwise y = h(x) is drawn and
+        weighed, and x given y is exact: x + K (y_drawn - y) with the
+        covariance P - K P_yy K'.
+        """
+        residual = wrapped(me.z[..., None, :] - y.mean, me.turns)
+        if law is None:
+            L, repaired = cholesky(y.cov + widen(me.R))
+            return hat, log_normal(residual, L), repaired
+        h = Linear(widen(cast(Linear, me.h).matrix))
+        L, _ = cholesky(y.cov)
+        K, W = root_gain(L, y.cross)
+        S, repaired = cholesky(linear_moments(h, hat).cov)
+        apart = h(hat.mean - prior.mean)
+        N = normals("random", b.key, b.health.epoch, SEEN, self.particles, apart.shape[-1])
+        moved = _drawn(apart, S, N)
+        log_w = (
+            log_density(residual - moved, me.R, law, exact=True) + log_normal(moved, L) - log_normal(moved - apart, S)
+        )
+        mean = prior.mean + np.matmul(K, moved[..., None])[..., 0]
+        return Gaussian(mean, prior.cov - W.mT @ W), log_w, repaired
+
+    def _lifted(self, b: Swarm, h: Linear, hat: Gaussian, w: Array) -> Gaussian:
+        """Return the moments of all particles after a linear fix: those of y = h(x) from the weights, the rest by regression."""
+        whole = self.estimate(b)
+        y = linear_moments(Linear(widen(h.matrix)), hat)
+        seen = collapse(w, Gaussian(y.mean, np.broadcast_to(y.cov, (*w.shape, *y.cov.shape[-2:]))))
+        return lifted(whole, linear_moments(Linear(h.matrix), whole), seen)
 
     def share(self, n: int) -> float:
         """Return the kernel's share of the covariance for n states."""

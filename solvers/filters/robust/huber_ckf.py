@@ -6,6 +6,10 @@ linearly instead of squared. Weights alpha / |e| and a few rounds of the update 
 Source: Huber (1964), doi:10.1214/aoms/1177703732; Karlgaard & Schaub (2007), doi:10.2514/1.26809; Huber-HCKF of 003;
 docs/mathematics/filters.md#robust-updates.
 Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., points, n).
+Promise: with ``robust="meas"`` a fix pulls by at most alpha P_xz S_r^-T 1, however wrong it is. With "both", the default, prior
+and fix are both doubted, and the one with the smaller variance wins. If H P- H' <= R / 2, which for a random walk is Q <= R / 6
+per fix, a fix pulls a state that it shows by at most alpha H P- H' / sqrt(R). If H P- H' > R, for a random walk Q > R / 2, the
+filter follows any fix to within alpha R / sqrt(H P- H'); such a Q asks for "meas". In between the rounds may end too early.
 Departures: rounds end when the weights, not the state, stand still. ``robust="meas"`` leaves the prior at full weight. A guard
 prevents locking out (filters/robust/base.py). P is Joseph's with the told R, as in the source, and therefore too small for
 contaminated fixes. With alpha = inf the filter is the cubature filter.

@@ -22,11 +22,12 @@ import numpy as np
 
 from sins_env.arrays import Array, Mask
 from sins_env.checks import choice, keep, number
-from solvers.blocks.conditioning import gain, inverse_lower
+from solvers.blocks.conditioning import gain, inverse_lower, noise_about
 from solvers.blocks.square_root import cholesky, either, symmetrize
 from solvers.types import Gaussian, Moments
 
 FLOOR = 1e-8  #: smallest weight; a fix with no weight above it is skipped
+FAR = 1e3  #: innovation, in standard deviations, beyond which the iteration starts from the prior
 TARGETS = ("both", "meas")
 
 
@@ -112,20 +113,34 @@ class Reweighted(NamedTuple):
 
 
 def reweight(
-    prior: Gaussian, predicted: Moments, z: Array, weigh: Weigh, rounds: int, tolerance: float = 1e-6
+    prior: Gaussian,
+    predicted: Moments,
+    z: Array,
+    weigh: Weigh,
+    rounds: int,
+    tolerance: float = 1e-6,
+    told: Array | None = None,
 ) -> Reweighted:
-    """Return the gain of the robust update, by fixed-point iteration from the ordinary posterior.
+    """Return the gain of the robust update, by fixed-point iteration from the ordinary posterior or, far off, the prior.
 
     ``predicted`` holds the moments of z (..., m) under ``prior``, R included. A run whose weights change by less than
-    ``tolerance`` keeps them, whatever the other runs do. No run takes more than ``rounds`` rounds.
+    ``tolerance`` keeps them, whatever the other runs do. No run takes more than ``rounds`` rounds. ``told`` (..., m, m) is the R
+    for runs in which rounding hides it.
     """
     S, repaired = cholesky(prior.cov)
     A = inverse_lower(S) @ predicted.cross
     R = symmetrize(predicted.cov - A.mT @ A)
+    if told is not None:
+        R = noise_about(R, predicted.cov, told)
     root, repaired_R = cholesky(R)
     whiten = inverse_lower(root)
     A, r = A @ whiten.mT, (whiten @ (z - predicted.mean)[..., None])[..., 0]
     n, c = A.shape[-2], np.ones((*r.shape[:-1], sum(A.shape[-2:])))
+    explained = np.square(A).sum(axis=-2)
+    far = np.asarray((np.abs(r) > FAR * np.sqrt(1.0 + explained)).any(axis=-1, keepdims=True))
+    if far.any():  # from the ordinary posterior the rounds would not get back in time
+        start = np.concatenate(weigh(Residuals(np.zeros(A.shape[:-1]), r, explained.sum(axis=-1))), axis=-1)
+        c = np.where(far, np.maximum(start, FLOOR), c)
     moving = np.ones((*r.shape[:-1], 1), dtype=bool)
     for _ in range(rounds):
         new = np.concatenate(weigh(_solve(A, r, c)[1]), axis=-1)

@@ -8,6 +8,8 @@ Source: Agamennoni, Nieto & Nebot (2012), doi:10.1109/TSP.2012.2208106; Piche, S
 doi:10.1109/MLSP.2012.6349794; Roth, Ozkan & Gustafsson (2013), doi:10.1109/ICASSP.2013.6638770;
 docs/mathematics/filters.md#robust-updates.
 Shapes: x (..., n), P (..., n, n), z (..., m); f and h get (..., 2n, n).
+Promise: if H P- H' <= R, which for a random walk is Q <= R / 2 per fix, a single fix pulls the state that it shows by at most
+(dof + 1) / (2 sqrt(dof)) H P- H' / sqrt(R), and by less the worse it is. With a larger Q the iteration may follow it.
 Departures: lambda scales the whole vector, as the noise of the tasks does. R is the scale matrix of the t distribution, whose
 covariance is R dof / (dof - 2). For a nonlinear h the expectation is that of its statistical linearisation. A guard prevents
 locking out (filters/robust/base.py). P is that of the last round, with R / lambda. With dof = inf the filter is the cubature

@@ -1,6 +1,7 @@
 """The square-root filter: a root S of the covariance P = S S' is carried from step to step by QR; P is never formed.
 
-P is therefore always positive semi-definite, and no step needs a repair; only an indefinite P0, Q or R would, and is counted.
+P is therefore always positive semi-definite. A component of a fix that follows from the others, by a singular S, is left out
+and counted as a repair, as an indefinite P0, Q or R is.
 The condition number that matters for rounding is the square root of that of P. Equations 000 (3.3.33-46);
 docs/mathematics/filters.md#square-roots.
 """
@@ -16,7 +17,7 @@ from sins_env.arrays import Array
 from solvers.blocks.conditioning import root_gain
 from solvers.blocks.factors import FactorRule, PairedPoints, beside, factors, pairs
 from solvers.blocks.sigma_rules import PointRule
-from solvers.blocks.square_root import semidefinite_root, tria
+from solvers.blocks.square_root import either, semidefinite_root, tria, without_known
 from solvers.filters.base import BatchFilter, count, initial_gaussian, initial_health
 from solvers.types import Function, Gaussian, Health, Innovation, Measurement, Transition
 
@@ -54,12 +55,12 @@ class SquareRootFilter(BatchFilter[RootBelief]):
         """Correct mean and root, with S_y = tria[T S_v U] and S = tria[S- - K T, K S_v, K U]: 000 (3.3.39-46)."""
         y = factors(me.h, b.mean, b.root, self.factor_rule)
         S_v, repaired = semidefinite_root(me.R)
-        S_y = tria(beside(y.slope, S_v, y.rest))
+        S_y, dropped = without_known(tria(beside(y.slope, S_v, y.rest)))
         K, _ = root_gain(S_y, b.root @ y.slope.mT)
         residual = me.z - y.mean
         mean = b.mean + (K @ residual[..., None])[..., 0]
         root = tria(beside(b.root - K @ y.slope, K @ S_v, None if y.rest is None else K @ y.rest))
-        return count(b._replace(mean=mean, root=root), repaired), Innovation(residual, S_y @ S_y.mT)
+        return count(b._replace(mean=mean, root=root), either(repaired, dropped)), Innovation(residual, S_y @ S_y.mT)
 
     def estimate(self, b: RootBelief) -> Gaussian:
         return Gaussian(b.mean, b.root @ b.root.mT)

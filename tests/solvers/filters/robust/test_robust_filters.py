@@ -240,7 +240,7 @@ def test_a_student_t_that_is_told_is_no_mixture():
         ("huber_ckf5", {"alpha": -1.0}, "alpha = -1.0"),
         ("student_t_ckf", {"dof": 0}, "dof = 0"),
         ("mcc_ckf", {"rounds": 0}, "rounds = 0; allowed: a whole number >= 1"),
-        ("mcc_ckf", {"patience": 2.5}, "patience = 2.5; allowed: a whole number >= 1"),
+        ("mcc_ckf", {"patience": 2.5}, "patience = 2.5; allowed: None, or a whole number >= 1"),
         ("mcc_ckf", {"gate": 1.1}, "gate = 1.1; allowed: a number >= 0.5 and <= 1"),
         ("mcc_ckf", {"root": "qr"}, "unknown root 'qr'"),
         ("gm_ekf", {"contamination": "tell"}, r"contamination = 'tell'; allowed: 'told', 'learn', or a pair"),
