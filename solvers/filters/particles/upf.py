@@ -29,7 +29,7 @@ import numpy as np
 from sins_env.arrays import Array, Mask
 from sins_env.checks import keep, number
 from sins_env.kernels import kernel
-from solvers.blocks.conditioning import condition, log_normal, root_gain
+from solvers.blocks.conditioning import above_rounding, condition, log_normal, root_gain
 from solvers.blocks.mixtures import collapse, effective, normalise, spread, spread_measurement, widen
 from solvers.blocks.moments import Linearized, MomentRule, SigmaPoints, linear_moments, moments, transform
 from solvers.blocks.sigma_rules import Unscented
@@ -151,15 +151,17 @@ class KalmanParticles(ParticleFilter):
         h = Linear(widen(cast(Linear, me.h).matrix))
         L, _ = cholesky(y.cov)
         K, W = root_gain(L, y.cross)
-        S, repaired = cholesky(linear_moments(h, hat).cov)
-        apart = h(hat.mean - prior.mean)
+        target = linear_moments(h, hat)
+        S, repaired = cholesky(target.cov)
+        apart = target.mean - h(prior.mean)
         N = normals("random", b.key, b.health.epoch, SEEN, self.particles, apart.shape[-1])
-        moved = _drawn(apart, S, N)
+        drawn, _ = fit(_drawn(target.mean, S, N), _mixture(np.exp(b.log_w), target.mean, target.cov), np.exp(b.log_w))
+        moved = drawn - h(prior.mean)
         log_w = (
             log_density(residual - moved, me.R, law, exact=True) + log_normal(moved, L) - log_normal(moved - apart, S)
         )
         mean = prior.mean + np.matmul(K, moved[..., None])[..., 0]
-        return Gaussian(mean, prior.cov - W.mT @ W), log_w, repaired
+        return Gaussian(mean, above_rounding(prior.cov - W.mT @ W, prior.cov)), log_w, repaired
 
     def _lifted(self, b: Swarm, h: Linear, hat: Gaussian, w: Array) -> Gaussian:
         """Return the moments of all particles after a linear fix: those of y = h(x) from the weights, the rest by regression."""

@@ -54,7 +54,7 @@ class RobustFilter(GaussianFilter[RobustBelief]):
     patience: int | None = (
         None  #: number of successive fixes after which they are believed; None: ``patience_s`` decides
     )
-    dt_s: float = 1.0  #: s per epoch, if the transition does not tell it
+    dt_s: float = 0.1  #: s per epoch, if the transition does not tell it
     root: str = "cholesky"  #: "cholesky" or "svd", which takes a singular covariance
 
     def __post_init__(self) -> None:

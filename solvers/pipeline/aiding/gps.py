@@ -94,7 +94,7 @@ class Gps:
 def _pulled(vel: Array, off: Array, valid: bool, share: float, out: Array) -> None:
     """Fill in the velocity of the INS, with the vertical one pulled towards a fix that it is ``off``."""
     out[0], out[1] = vel[0], vel[1]
-    out[2] = vel[2] - share * off[2] if valid else vel[2]
+    out[2] = vel[2] - share * off[2] if valid and off[2] == off[2] else vel[2]  # NaN: missing
 
 
 class Fix:

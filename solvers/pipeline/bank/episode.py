@@ -148,14 +148,28 @@ class Episode:
         return s._replace(weight=mixed.weight, mean=x.mean, cov=x.cov, regimes=mixed.regimes)
 
     def _fix(self, s: Slices, me: Measurement, seen: NDArray[np.int64]) -> Slices:
-        """Return the slices after the fixes, which those at ``seen`` have, with their means fed back into the INS."""
+        """Return the slices after the fixes, which those at ``seen`` have, with their means fed back into the INS.
+
+        Components that are NaN are missing. Slices that miss the same ones are corrected together.
+        """
         if not len(seen):
             return s
         z, H = Seen(self._coordinates.at(s.ins.nav), me.h).at_zero
         H[..., : FIX["dv"].stop, self._offset] -= np.eye(3)  # INS minus fix shows the offset with a minus sign
         R = me.R if me.R.ndim == 2 else me.R[seen[0]]
+        nu = me.z - z
+        there = ~np.isnan(nu[seen])
+        if there.all():
+            return self._corrected(s, nu, H, R, seen)
+        for rows in np.unique(there[there.any(axis=-1)], axis=0):
+            here = seen[(there == rows).all(axis=-1)]
+            s = self._corrected(s, nu[:, rows], H[:, rows], R[np.ix_(rows, rows)], here)
+        return s
+
+    def _corrected(self, s: Slices, nu: Array, H: Array, R: Array, seen: NDArray[np.int64]) -> Slices:
+        """Correct the slices at ``seen``, given INS minus fix nu (N, m) and H (N, m, n) at zero error, and R (m, m)."""
         every = len(seen) == len(s.run)
-        part, nu, H = (s, me.z - z, H) if every else (s.take(seen), (me.z - z)[seen], H[seen])
+        part, nu, H = (s, nu, H) if every else (s.take(seen), nu[seen], H[seen])
         p = regimes.ahead(part.regimes, self._rest)
         nu = nu[:, None] - part.mean @ H.mT
         after = regimes.update(part.x, nu, H[:, None], R, p, self._factors, self._told)

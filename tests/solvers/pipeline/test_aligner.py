@@ -212,3 +212,15 @@ def test_vertical_velocity_of_the_ins_stays_with_the_fixes():
 def test_wrong_names_offer_the_nearest(name, settings, near):
     with pytest.raises(ValueError, match=near):
         solvers.make(name, **settings)
+
+
+@pytest.mark.parametrize("solver", ["ckf", "inekf", "gsf_imm"])
+def test_a_fix_without_one_component_still_counts(solver):
+    """Without the east velocity a filter levels on the other one, and the other runs are as they were."""
+    missing = lambda k, obs: obs["gps_vel"].__setitem__((slice(None, 2), 0), np.nan)  # noqa: E731
+    whole, _ = run(solver, 4, duration=20.0, **AT_5_HZ)
+    partly, estimator = run(solver, 4, spoil=missing, duration=20.0, **AT_5_HZ)
+    assert (estimator.health().failed_at == -1).all()
+    np.testing.assert_allclose(partly[:, 2:], whole[:, 2:], atol=1e-9)
+    assert np.abs(partly[-1, :2, :2]).max() < 0.05  # told: 1 deg (1 sigma), 0.017
+    assert (partly[-1, :2] != whole[-1, :2]).all()
