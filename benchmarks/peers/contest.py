@@ -22,7 +22,7 @@ class Entry:
     """A filter of a package."""
 
     filter: str  #: "KF", "EKF", "UKF" or "CKF"
-    numbers: str  #: the library on which it runs, "NumPy" or "JAX"
+    numbers: str  #: the library on which it runs, "NumPy", "Numba" or "JAX"
     how: str  #: what it is given, and how it steps
     make: Callable[[Problem, int], Block]  #: makes the block for the first runs of the problem
     batched: bool = False  #: whether it takes many runs at once; else they are filtered one after another

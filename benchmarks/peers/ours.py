@@ -39,6 +39,6 @@ def filter_runs(name: str, problem: Problem, runs: int) -> Block:
 def entries() -> list[Entry]:
     """Return our filters."""
     return [
-        Entry(name.upper(), "NumPy", "all points and runs at once", partial(filter_runs, name), batched=True)
+        Entry(name.upper(), "Numba", "all points and runs at once", partial(filter_runs, name), batched=True)
         for name in SETTINGS
     ]

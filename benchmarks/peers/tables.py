@@ -84,7 +84,8 @@ def differing(result: Result) -> list[str]:
             found = f"{row['filter']} {power(worst(row))}"
             loud = f" ({power(noisier)} with {result['noisier']:,.0f} times the Q)" if noisier > SAME else ""
             name = f"{row['peer']}, {row['remark']}" if row["remark"] else row["peer"]
-            why.setdefault(name, []).append(found + loud)
+            if found + loud not in why.setdefault(name, []):  # alike fix by fix and with a whole record
+                why[name].append(found + loud)
     lines = [f"{name}: {', '.join(found)} standard deviations." for name, found in why.items()]
     if not lines:
         return [f"All agree with our filters of the same kind within {power(SAME)} standard deviations."]
