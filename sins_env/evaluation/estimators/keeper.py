@@ -136,6 +136,26 @@ def _children() -> list[int]:
         return [int(child) for child in file.read().split()]
 
 
+def _descendants() -> set[int]:
+    """Return all processes below this one."""
+    found: set[int] = set()
+    left = [os.getpid()]
+    while left:
+        process = left.pop()
+        with suppress(OSError):  # it has just ended
+            for task in os.listdir(f"/proc/{process}/task"):
+                with open(f"/proc/{process}/task/{task}/children") as file:
+                    left += (new := {int(child) for child in file.read().split()} - found)
+                    found |= new
+    return found
+
+
+def _signal(processes: set[int], number: signal.Signals) -> None:
+    for process in processes:
+        with suppress(OSError):
+            os.kill(process, number)
+
+
 def _end_stopped() -> None:
     """End the keepers that are stopped, which only a solver does; what they keep ends with them."""
     for child in _children():
@@ -149,10 +169,11 @@ def _end_children(pid: int | None) -> None:
     deadline = time.monotonic() + END_S
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     while time.monotonic() < deadline:
-        children = _children()
-        for child in children or [pid] if pid else children:
-            with suppress(OSError):
-                os.kill(child, signal.SIGKILL)
+        found: set[int] = set()
+        while (new := _descendants() - found) and time.monotonic() < deadline:
+            found |= new
+            _signal(new, signal.SIGSTOP)  # who is stopped starts no more
+        _signal(found or ({pid} if pid else found), signal.SIGKILL)
         try:
             while os.waitpid(-1, os.WNOHANG)[0]:
                 pass
