@@ -194,11 +194,12 @@ class Checked:
         ValueError: at a call, a result of another shape.
     """
 
-    __slots__ = ("_g", "_name", "_size", "jacobian")
+    __slots__ = ("_g", "_name", "_size", "jacobian", "value_and_jacobian")
 
     def __init__(self, name: str, g: Function, size: int) -> None:
         self._name, self._g, self._size = name, g, size
         self.jacobian: Any = getattr(g, "jacobian", None)  #: that of the function, or None
+        self.value_and_jacobian: Any = getattr(g, "value_and_jacobian", None)
 
     def __call__(self, x: Array) -> Array:
         seen = x.view()
