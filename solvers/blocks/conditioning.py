@@ -21,6 +21,7 @@ from solvers.types import Gaussian, Innovation, Moments
 #: Least variance after a fix, relative to that before. P - W'W keeps no more digits: without a floor a prior of 1e16 would
 #: leave variances of either sign.
 ROUNDING = 2e-15
+BROKEN = 1e3  #: a variance that is negative by more than so many times the rounding is broken, and stays as it is
 
 
 def gain(predicted: Moments) -> tuple[Array, Array, Mask | None]:
@@ -103,7 +104,7 @@ def _posterior(
             for k in range(j + 1):
                 cov[j, k] -= W[i, j] * W[i, k]
         least = ROUNDING * P[j, j]
-        if cov[j, j] < least:
+        if -BROKEN * least < cov[j, j] < least:
             cov[j, j] = least
         for k in range(j):
             cov[k, j] = cov[j, k]
@@ -121,9 +122,11 @@ def posterior_cov(prior: Gaussian, predicted: Moments, K: Array) -> Array:
 
 
 def above_rounding(cov: Array, before: Array) -> Array:
-    """Return a covariance (..., n, n) after a fix with variances of at least ``ROUNDING`` times those before it."""
-    lost = ROUNDING * np.diagonal(before, axis1=-2, axis2=-1) - np.diagonal(cov, axis1=-2, axis2=-1)
-    return cov + np.maximum(lost, 0.0)[..., None] * np.eye(lost.shape[-1]) if (lost > 0.0).any() else cov
+    """Return a covariance (..., n, n) after a fix with variances of at least ``ROUNDING`` times those before it, unless broken."""
+    least = ROUNDING * np.diagonal(before, axis1=-2, axis2=-1)
+    lost = least - np.diagonal(cov, axis1=-2, axis2=-1)
+    lost = np.where((lost > 0.0) & (lost < (BROKEN + 1.0) * least), lost, 0.0)
+    return cov + lost[..., None] * np.eye(lost.shape[-1]) if lost.any() else cov
 
 
 def noise_about(R: Array, S: Array, told: Array) -> Array:

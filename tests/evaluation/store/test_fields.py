@@ -109,7 +109,7 @@ def test_a_changed_part_is_a_difference(one):
             assert text.startswith(f"run 2: {name}")
         elif not one.name.startswith("nees"):
             assert found == [f"run 2: {one.name} {getattr(records, one.name)[-1]} stored, "
-                             f"{getattr(changed(records, one, part), one.name)[-1]} now"]  # fmt: skip
+                             f"{getattr(changed(records, one, part), one.name)[-1]} now (reason 2)"]  # fmt: skip
 
 
 def test_times_and_traces_of_errors_alone_are_not_compared():
