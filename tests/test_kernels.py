@@ -14,7 +14,7 @@ from places import ROOT
 
 import solvers
 from sins_env.evaluation import get_task
-from sins_env.kernels import Kernel, helper, interpreted, kernel
+from sins_env.kernels import Kernel, compiling, helper, interpreted, kernel
 from sins_env.kernels.compiling import FOLDER, KERNELS, OFF, cache_folder
 from sins_env.kernels.trigonometry import sincos
 from sins_env.kernels.warming import cold, import_kernels
@@ -319,6 +319,24 @@ def test_cold_processes_compile_once_and_an_edit_of_a_helper_renews(own):
     assert not list(own.rglob("__pycache__/*.nb?"))
     (own / "own_helpers.py").write_text(HELPERS.format(factor=5.0))
     assert said(in_fresh_process(own, CALL, **{FOLDER: str(cache)}))[0] == "True 5.0\n"
+
+
+def test_nobody_waits_for_a_process_that_keeps_the_lock(tmp_path, monkeypatch):
+    """Code that is there is read without a lock, and a stopped process that compiles is not waited for for ever."""
+    fcntl = pytest.importorskip("fcntl")
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    monkeypatch.setattr(compiling, "LONGEST_S", 0.1)
+    folder = tmp_path / "one"
+    folder.mkdir()
+    with open(folder / "lock", "a") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        with compiling._locked(folder) as place:
+            assert place == folder
+        (folder / "x").mkdir()
+        (folder / "x" / "guf-x.nbc").write_bytes(b"")
+        monkeypatch.setattr(compiling, "LONGEST_S", 1e9)
+        with compiling._locked(folder) as place:
+            assert place == folder
 
 
 def test_a_cache_that_cannot_be_written(own):

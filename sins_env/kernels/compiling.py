@@ -20,13 +20,14 @@ import os
 import re
 import sys
 import tempfile
+import time
 import types
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, cached_property, update_wrapper
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 
 import numpy as np
 
@@ -41,6 +42,9 @@ KERNELS: list[Kernel] = []  #: every kernel of the modules imported so far
 OFF = "NUMBA_DISABLE_JIT"  #: with this environment variable set to 1, Python runs the bodies of the kernels
 FOLDER = "NUMBA_CACHE_DIR"  #: environment variable with the folder of compiled code; the default is in the user's cache
 _TOLD = "SINS_ENV_TOLD_CACHE"  # environment variable with the folder warned of, for processes started later
+LONGEST_S = 60.0  #: s, longest wait for a process that compiles the same kernel; a slow one takes ten
+POLL_S = 0.02  #: s, from one look to the next
+_CODE = "*/guf-*.nbc"  # the code of a kernel, which Numba writes last
 _COMPILED = "*/*.nb?"  # files of Numba in the folder of a kernel: indices and code
 _helpers: dict[types.FunctionType, Any] = {}  #: every helper, with its compiled form as soon as there is one
 _reordered: set[Any] = set()  #: the helpers with sums in any order
@@ -123,7 +127,7 @@ class Kernel:
     @property
     def cold(self) -> bool:
         """Whether the first call will compile."""
-        return "ufunc" not in vars(self) and not off() and not any(self.folder.glob("*/guf-*.nbc"))
+        return "ufunc" not in vars(self) and not off() and not any(self.folder.glob(_CODE))
 
     def _compiled(self) -> Any:
         """Return the gufunc, from the cache if it is there. Processes that need the same kernel wait for the first."""
@@ -279,9 +283,11 @@ def _source(one: Kernel) -> Path:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[Path | None]:
-    """Hold the lock of a cache folder, which is made, and yield it. The lock ends with its process.
+    """Hold the lock of a cache folder, which is made, while its code is compiled, and yield it. The lock ends with its process.
 
-    A folder that cannot be written is read: yield a copy of its compiled code, or None if it has none. Numba wants to write.
+    Code that is there needs no lock, for Numba's files appear whole. A process that holds the lock too long may have been
+    stopped; nobody waits for it. A folder that cannot be written is read: yield a copy of its compiled code, or None if it has
+    none. Numba wants to write.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -301,9 +307,21 @@ def _locked(folder: Path) -> Iterator[Path | None]:
                 _warn(folder, error)
         return
     with file:
-        if fcntl is not None:
-            fcntl.flock(file, fcntl.LOCK_EX)
+        end = time.monotonic() + LONGEST_S
+        while not any(folder.glob(_CODE)) and not _lock(file) and time.monotonic() < end:
+            time.sleep(POLL_S)
         yield folder
+
+
+def _lock(file: IO[str]) -> bool:
+    """Lock a file for this process, if no other one has locked it; return whether it is locked. Without locks it counts so."""
+    if fcntl is None:
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def _warn(folder: Path, error: OSError) -> None:
