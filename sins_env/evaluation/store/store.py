@@ -280,8 +280,13 @@ class Store(Database):
 
 
 def _missing_bound(task: EvaluationTask, found: str | None) -> Literal["ask"] | None:
-    """Return "ask" if the task and its digest in a file are those of this package, so that the bound is its; if not, None."""
+    """Return "ask" if the task and its digest in a file are those of this package, so that the bound is its; if not, None.
+
+    A recording has no bound, and may not be on this machine.
+    """
     own = TASKS.get(task.name)
+    if own and own.windows:
+        return None
     same = own is not None and binding(definition_json(own)) == binding(definition_json(task))
     return "ask" if own and same and found in (None, digest(own)) else None
 
