@@ -67,6 +67,7 @@ class Processes:
             process.join(2.0)
             if process.is_alive():
                 process.kill()
+                process.join()
         self._pool = None
 
     def call(self, function: Callable[..., T], *arguments: Any) -> T | None:

@@ -25,7 +25,7 @@ def _none_is_left():
     """Whatever a test did, its processes have ended with it."""
     yield
     deadline = time.monotonic() + 5.0
-    while grandchildren() and time.monotonic() < deadline:
+    while (grandchildren() or multiprocessing.active_children()) and time.monotonic() < deadline:
         time.sleep(0.01)
     assert not grandchildren()
     assert not multiprocessing.active_children()
