@@ -69,6 +69,10 @@ class Borrowed:
         self.executor = executor
 
     def run(self, jobs: Sequence[Job], progress: Progress) -> Iterator[Finished]:
+        with _one_blas_thread:  # for threads of this process: the limit is set and lifted in one and the same
+            yield from self._run(jobs, progress)
+
+    def _run(self, jobs: Sequence[Job], progress: Progress) -> Iterator[Finished]:
         running = {self._submit(job): (job, True) for job in jobs}  # True: a first attempt
         suspects: list[Job] = []
         total = 0
