@@ -123,9 +123,8 @@ def posterior_cov(prior: Gaussian, predicted: Moments, K: Array) -> Array:
 
 def above_rounding(cov: Array, before: Array) -> Array:
     """Return a covariance (..., n, n) after a fix with variances of at least ``ROUNDING`` times those before it, unless broken."""
-    least = ROUNDING * np.diagonal(before, axis1=-2, axis2=-1)
-    lost = least - np.diagonal(cov, axis1=-2, axis2=-1)
-    lost = np.where((lost > 0.0) & (lost < (BROKEN + 1.0) * least), lost, 0.0)
+    least, variance = (np.diagonal(P, axis1=-2, axis2=-1) for P in (ROUNDING * before, cov))
+    lost = np.where((-BROKEN * least < variance) & (variance < least), least - variance, 0.0)
     return cov + lost[..., None] * np.eye(lost.shape[-1]) if lost.any() else cov
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from sins_env.arrays import Array, Mask
 from solvers.filters.brief import Brief
-from solvers.filters.inputs import checked_measurement, checked_transition, covariance, picked, unwound
+from solvers.filters.inputs import checked_measurement, checked_transition, covariance, patterns, picked, unwound
 from solvers.types import Function, Gaussian, Health, Innovation, Measurement, Transition
 
 
@@ -103,10 +103,7 @@ class BatchFilter(Brief, ABC, Generic[B]):
             return self.correct(b, self.unwound(b, me))
         m = me.z.shape[-1]
         after, innovation = b, Innovation(np.full(me.z.shape, np.nan), np.full((*me.z.shape, m), np.nan))
-        for rows in np.unique(me.present.reshape(-1, m), axis=0):
-            if not rows.any():
-                continue
-            here = np.asarray((me.present == rows).all(axis=-1))
+        for rows, here in patterns(me.present):
             y, seen = self.correct_rows(b, me._replace(z=np.where(np.isnan(me.z), 0.0, me.z)), rows)
             after = mixed(here, y, after)
             innovation = filled(innovation, here, rows, seen)

@@ -8,6 +8,7 @@ arrays are arrays, each function is checked at each call, and ``present`` is Non
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -248,6 +249,16 @@ def picked(me: Measurement, rows: Mask) -> Measurement:
         h = Linear(me.h.matrix[..., at, :], None if me.h.offset is None else me.h.offset[..., at])
     turns = None if me.turns is None else me.turns[at]
     return me._replace(z=me.z[..., at], h=h, R=me.R[..., at[:, None], at], present=None, turns=turns)
+
+
+def patterns(there: Mask) -> Iterator[tuple[Mask, Mask]]:
+    """Yield the components (m,) that some runs have, with the mask (...) of these runs; ``there`` is (..., m).
+
+    Runs without any component are left out.
+    """
+    for rows in np.unique(there.reshape(-1, there.shape[-1]), axis=0):
+        if rows.any():
+            yield rows, np.asarray((there == rows).all(axis=-1))
 
 
 def wrapped(residual: Array, turns: Mask | None) -> Array:

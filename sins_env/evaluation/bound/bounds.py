@@ -14,20 +14,17 @@ import hashlib
 import json
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sins_env.arrays import Array, Mask
 from sins_env.evaluation.bound import cache
-from sins_env.evaluation.bound.error_dynamics import ErrorDynamics, true_motion
+from sins_env.evaluation.bound.error_dynamics import ErrorDynamics, simulated, true_motion
 from sins_env.evaluation.play import criteria as criteria_module
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.tasks.fingerprint import digest
 from sins_env.evaluation.tasks.task import EvaluationTask
-from sins_env.sensors.gps import ZeroVelocity
-from sins_env.worlds.simulated import SimulatedWorld
 
 RUNS = 16  #: number of runs of the task's suite to average over; only their motion enters
 
@@ -84,16 +81,12 @@ def _cached(task: EvaluationTask, identity: str) -> Bound | None:
 def compute(task: EvaluationTask, runs: int = RUNS) -> Bound | None:
     """Compute the bound of a task as the mean over the first ``runs`` runs of its suite.
 
-    A flight takes one run, for its trajectory is always the same. The result is None for a recording. It is None for
-    zero-velocity updates, too, because no noise model describes how far a parked car moves.
+    A flight takes one run, for its trajectory is always the same. The result is None if ``simulated`` gives None.
     """
-    if task.windows:
+    found = simulated(task)
+    if found is None:
         return None
-    env: Any = task.make(1)
-    public, world = env.unwrapped.task, env.unwrapped.episode.world
-    env.close()
-    if not isinstance(world, SimulatedWorld) or isinstance(world.gps, ZeroVelocity):
-        return None
+    public, world = found
     model, runs = ErrorDynamics(world), 1 if public.navigate else runs
     P = np.broadcast_to(model.P0, (runs, model.n, model.n))
     variance = []

@@ -31,6 +31,7 @@ from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
 from sins_env.evaluation.bound.fisher import fix_noise
 from sins_env.evaluation.tasks.task import EvaluationTask
+from sins_env.sensors.gps import ZeroVelocity
 from sins_env.specs import ImuSpec
 from sins_env.states import ERRORS, FIX, Block, Layout, answered
 from sins_env.types import Task
@@ -57,6 +58,22 @@ class Truth(NamedTuple):
     C_end: Array  #: (runs, epochs, 3, 3) C_nb at the end of the epoch
     rate_end: Array  #: (runs, epochs, 3) omega_eb^b at the end of the epoch, rad/s
     fix: Mask  #: (epochs,) whether there is a fix at the end
+
+
+def simulated(task: EvaluationTask) -> tuple[Task, SimulatedWorld] | None:
+    """Return what a task tells, and its world; None if it has no bound.
+
+    A recording has no simulated truth. Zero-velocity updates have none either, because no noise model describes how far a
+    parked car moves.
+    """
+    if task.windows:
+        return None
+    env: Any = task.make(1)
+    public, world = env.unwrapped.task, env.unwrapped.episode.world
+    env.close()
+    if not isinstance(world, SimulatedWorld) or isinstance(world.gps, ZeroVelocity):
+        return None
+    return public, world
 
 
 def true_motion(task: EvaluationTask, public: Task, runs: int) -> Iterator[Truth]:

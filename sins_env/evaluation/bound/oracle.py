@@ -21,13 +21,12 @@ import numpy as np
 from sins_env import attitude, earth
 from sins_env.arrays import Array
 from sins_env.evaluation.bound.bounds import correct
-from sins_env.evaluation.bound.error_dynamics import DP, DV, PHI, ErrorDynamics, true_motion
+from sins_env.evaluation.bound.error_dynamics import DP, DV, PHI, ErrorDynamics, simulated, true_motion
 from sins_env.evaluation.bound.fisher import LEAST_STD
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.play.errors import nees
 from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.motion import Motion
-from sins_env.sensors.gps import ZeroVelocity
 from sins_env.specs import GpsSpec, ImuSpec
 from sins_env.types import NavState
 from sins_env.worlds.simulated import SimulatedWorld
@@ -132,17 +131,12 @@ def _without(name: str, spec: Any, known: dict[str, float]) -> dict[str, Any]:
 
 def compute(task: EvaluationTask, runs: int) -> Oracle | None:
     """Play the oracle on the first ``runs`` runs of a task's suite; None if the task has no bound, or fixes without a variance."""
-    if task.windows:
+    found = simulated(task)
+    spread = None if found is None else _fix_covariance(found[1].gps.spec)
+    if found is None or spread is None:
         return None
-    env: Any = task.make(1)
-    public, world = env.unwrapped.task, env.unwrapped.episode.world
-    env.close()
-    if not isinstance(world, SimulatedWorld) or isinstance(world.gps, ZeroVelocity):
-        return None
+    public, world = found
     model = ErrorDynamics(world)
-    spread = _fix_covariance(world.gps.spec)
-    if spread is None:
-        return None
     R = spread[np.ix_(model.shown, model.shown)]
     drawn = _Drawn(task, world.imu.spec, world.gps.spec, runs)
     x, scored, steady_from = drawn.start(model), model.scored, Criteria.of(task, public).steady_from

@@ -15,6 +15,7 @@ from sins_env.arrays import Array, Mask
 from sins_env.prior import Prior
 from sins_env.states import ERRORS, FIX, answered
 from sins_env.types import NavState, Observation, Task
+from solvers.filters.inputs import patterns
 from solvers.pipeline import feedback, switch_on
 from solvers.pipeline.aiding.gps import Gps, noise_law
 from solvers.pipeline.bank import regimes, start
@@ -161,9 +162,8 @@ class Episode:
         there = ~np.isnan(nu[seen])
         if there.all():
             return self._corrected(s, nu, H, R, seen)
-        for rows in np.unique(there[there.any(axis=-1)], axis=0):
-            here = seen[(there == rows).all(axis=-1)]
-            s = self._corrected(s, nu[:, rows], H[:, rows], R[np.ix_(rows, rows)], here)
+        for rows, here in patterns(there):
+            s = self._corrected(s, nu[:, rows], H[:, rows], R[np.ix_(rows, rows)], seen[here])
         return s
 
     def _corrected(self, s: Slices, nu: Array, H: Array, R: Array, seen: NDArray[np.int64]) -> Slices:

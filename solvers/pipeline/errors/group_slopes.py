@@ -42,12 +42,20 @@ def right_jacobian(xi: Array, states: Layout) -> Array:
     return J
 
 
+@helper
+def begun(theta: Vector, J: Array) -> bool:
+    """Make J (n, n) the identity, and return whether theta is known; if not, one entry of J is NaN."""
+    put_identity(J)
+    if dot(theta, theta) == dot(theta, theta):
+        return True
+    J[0, 0] = math.nan
+    return False
+
+
 @kernel("(n),()->(n,n)", "dqd")
 def _right_jacobian(xi: Array, rows: int, J: Array) -> None:
-    put_identity(J)
     theta = vector(xi)
-    if dot(theta, theta) != dot(theta, theta):
-        J[0, 0] = math.nan
+    if not begun(theta, J):
         return
     T, c = right_turn(theta)
     put_block(T, J, 0, 0)
@@ -90,10 +98,8 @@ def errors_slope(xi: Array, x: Array, held: Array, J: Array) -> None:
     A change d of xi turns the true frame by e = J_r d, with J_r the right Jacobian. It changes phi by C_w^-1 C e_theta, and dv
     by v x e_theta + e_v with the true velocity v. The place changes as the velocity does.
     """
-    put_identity(J)
     theta = vector(xi)
-    if dot(theta, theta) != dot(theta, theta):
-        J[0, 0] = math.nan
+    if not begun(theta, J):
         return
     T, c = right_turn(theta)
     put_block(product(from_turn(vector(x)), T), J, 0, 0)
@@ -106,10 +112,8 @@ def errors_slope(xi: Array, x: Array, held: Array, J: Array) -> None:
 @kernel("(n),(n),(h,3)->(n,n)")
 def logarithm_slope(xi: Array, x: Array, held: Array, J: Array) -> None:
     """Return d xi / d x (..., n, n) at xi (..., n) and its errors x (..., n): the inverse of ``errors_slope``, block by block."""
-    put_identity(J)
     theta = vector(xi)
-    if dot(theta, theta) != dot(theta, theta):
-        J[0, 0] = math.nan
+    if not begun(theta, J):
         return
     c = right_turn(theta)[1]
     back, to = turned_back(theta), to_turn(vector(x))
