@@ -40,6 +40,10 @@ _VERIFY_CODES = (
     "Exit code 1: a run differs, or none could be run again. What only the file names is never imported, for it may be a "
     "stranger's: a solver by name must be installed, and a module:Factory must be named with --solver."
 )
+_ADOPT = (
+    "rows of an older version of the code count as made by the present one if the rows that are run again, at least one of "
+    "each solver and task, are equal; the file keeps who, when, which versions and how many rows"
+)
 _MERGE_CODES = (
     "A run that several files have is there once. Exit code 1: runs of one key that differ, or a task with other criteria, "
     "definition, world or bound; each is named, and nothing is written. Other code and other versions of a task are told."
@@ -146,10 +150,11 @@ def _read_results(verb: Verb) -> None:
     sub = verb(
         "verify", "verbs.results_file:verify", "run random rows of a results file again and compare", _VERIFY_CODES
     )
-    sub.add_argument("--rows", type=count, default=20, metavar="N", help="how many (default 20)")
+    text = "how many, spread over solvers and tasks (default 20, with --adopt 200)"
+    sub.add_argument("--rows", type=count, metavar="N", help=text)
     sub.add_argument("--seed", type=seed, metavar="N", help=_SEED)
-    text = "seed of the choice of rows (default: another each time)"
-    sub.add_argument("--draw", type=number, metavar="N", help=text)
+    _add_draw(sub)
+    sub.add_argument("--adopt", action="store_true", help=_ADOPT)
     _add_workers(sub)
     _add_choice(sub)
 
@@ -242,6 +247,11 @@ def _add_timeout(sub: argparse.ArgumentParser) -> None:
         "a run has failed if one call of the solver takes longer, s (default: 10, first 60; this project's own: none)"
     )
     sub.add_argument("--timeout", type=positive, metavar="S", help=text)
+
+
+def _add_draw(sub: argparse.ArgumentParser) -> None:
+    text = "seed of the choice of rows (default: another each time)"
+    sub.add_argument("--draw", type=number, metavar="N", help=text)
 
 
 def _add_workers(sub: argparse.ArgumentParser) -> None:

@@ -16,14 +16,15 @@ from sins_env.evaluation.score import paired
 from sins_env.evaluation.show import error_figure, terminal_tables
 from sins_env.evaluation.show import plain_tables as boards
 from sins_env.evaluation.show.templates import check_jinja2
+from sins_env.evaluation.store import adopting, merging
 from sins_env.evaluation.store import export as exports
-from sins_env.evaluation.store import merging
 from sins_env.evaluation.store import verify as verification
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks.task import seed_hash
 from sins_env.writing.files import write_text
 
+VERIFIED_ROWS, ADOPTED_ROWS = 20, 200  #: rows to run again by default, and before an adoption
 LEAST_SECRET_BITS = 64  #: least length of a secret suite seed, which could be guessed from its hash otherwise
 
 
@@ -115,26 +116,39 @@ def export(given: Namespace, console: Console) -> int:
 
 
 def verify(given: Namespace, console: Console) -> int:
-    """Run random rows of a results file again, and print the differences.
+    """Run random rows of a results file again, and print the differences; with ``--adopt`` those of an older code.
 
     Raises:
         RunFailed: runs that differ, or none that could be run again.
     """
-    with Store(given.db, read_only=True) as store:
+    rows = given.rows or (ADOPTED_ROWS if given.adopt else VERIFIED_ROWS)
+    adopted: list[adopting.Adoption] = []
+    with Store(given.db, read_only=not given.adopt) as store:
         keys = _chosen(given, store)
-        with runner(None, given.workers, given.rows) as where, Bar(f"verifying {given.db}") as bar:
-            found = verification.verify(
-                store, keys, given.rows, given.seed, given.draw, trusted=given.solver, where=where, progress=bar.update
-            )
+        if given.adopt:
+            keys = adopting.older(store, given.task, given.solver)
+            if not keys:
+                print(f"{given.db}: all rows are of the present code")
+                return 0
+        with runner(None, given.workers, rows) as where, Bar(f"verifying {given.db}") as bar:
+            what = {"trusted": given.solver, "where": where, "progress": bar.update}
+            if given.adopt:
+                found, adopted = adopting.adopt(store, keys, rows, given.seed, given.draw, **what)
+            else:
+                found = verification.verify(store, keys, rows, given.seed, given.draw, **what)
     for reason, count in found.left_out.items():
         remark(f"not verifiable, {count} run{'s' * (count != 1)}: {reason}")
     for text in found.differences:
         remark(text)
     if found.differences:
-        raise RunFailed(f"{given.db}: {len(found.differences)} differences in {found.runs} runs")
+        nothing = "; nothing was adopted" if given.adopt else ""
+        raise RunFailed(f"{given.db}: {len(found.differences)} differences in {found.runs} runs{nothing}")
     if not found.runs:
         raise RunFailed(f"{given.db}: no run could be verified")
     print(f"{found.runs} run{'s' * (found.runs != 1)} made again: equal to 1e-9")
+    if adopted:
+        before, now = (", ".join(sorted(set(codes))) for codes in zip(*(one[:2] for one in adopted), strict=True))
+        print(f"{len(adopted)} pairs of a solver and a task, made with code {before}, count as made with {now}")
     return 0
 
 

@@ -45,7 +45,7 @@ def code_version(solver: finding.Solver) -> str:
     """
     files = set(_scoring())
     for package in _packages(solver):
-        files.update(_sources(package))
+        files.update(sources(package))
     digest = hashlib.sha256()
     for path in sorted(files):
         digest.update(path.name.encode() + path.read_bytes())
@@ -70,7 +70,7 @@ def _packages(solver: finding.Solver) -> set[str]:
     return packages
 
 
-def _sources(package: str) -> list[Path]:
+def sources(package: str) -> list[Path]:
     """Return the Python files of a top-level package or module without importing it; none if it is not there."""
     try:
         spec = finding.spec_of(package)

@@ -57,6 +57,7 @@ def fill(
     chunk: int | None = None,
     epoch_timeout_s: float | None = None,
     resume: str = "the same command continues",
+    title: str = "",
 ) -> None:
     """Make the missing runs in one queue and with progress; each chunk is stored when it ends.
 
@@ -71,6 +72,7 @@ def fill(
         chunk: runs per batch.
         epoch_timeout_s: longest time of one call of a solver, s; None is no limit.
         resume: advice on how to continue after Ctrl-C, in words.
+        title: label of the progress bar; empty says what is evaluated.
 
     Raises:
         KeyboardInterrupt: Ctrl-C; the message tells how many runs the file has.
@@ -89,7 +91,7 @@ def fill(
     try:
         with (
             runner(executor, workers, max(len(queue), 1)) as where,
-            Bar(titles[0] if len(titles) == 1 else f"{len(titles)} evaluations") as bar,
+            Bar(title or (titles[0] if len(titles) == 1 else f"{len(titles)} evaluations")) as bar,
         ):
             for done, records in played([job for _, job in queue], where, bar.update):
                 store.add(key_of[id(done)], records)

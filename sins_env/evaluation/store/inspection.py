@@ -61,6 +61,10 @@ _OF_UNIT = {
         ("m", "m/s"), _Rule(f"{{0}} >= '' OR {_HUGE}", f"a number up to {_MOST}, inf, or NULL if it is unknown")
     ),
 }
+_RUNS = _Rule(
+    f"typeof({{0}}) <> 'text' OR length({{0}}) > {MOST_SETTINGS} OR {{0}} GLOB '*[^0-9 -]*'",
+    "ranges such as '0-199 205'",
+)
 _TIME = _Rule(f"typeof({{0}}) <> 'real' OR {{0}} < 0 OR {_HUGE}", _POSITIVE)
 _RATIO = _Rule(f"{{0}} >= '' OR {{0}} < 0 OR {_HUGE}", f"{_POSITIVE}, or NULL")
 _STATUS = _Rule(f"{{0}} IS NULL OR {{0}} NOT IN {STATUSES!r}", f"one of {', '.join(STATUSES)}")
@@ -89,6 +93,14 @@ _RULES: list[tuple[str, str, dict[str, _Rule]]] = [
         {
             **dict.fromkeys(("task", "solver", "settings_hash", "code"), _NAME),
             **{"session": _SESSION, "median_us": _TIME, "p95_us": _TIME, "ratio": _RATIO},
+        },
+    ),
+    (
+        "adoptions",
+        "adoptions",
+        {
+            **dict.fromkeys((*KEY[:-2], "before", "code"), _NAME),
+            **{"runs": _RUNS, "compared": _COUNT, "session": _SESSION},
         },
     ),
     ("runs", _COMBINED, dict.fromkeys(_NAMES, _NAME)),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import heapq
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -56,8 +56,14 @@ class Conflicts(ValueError):
         self.found = tuple(found)
 
 
-def merge(paths: Sequence[str | Path], out: str | Path, progress: Report | None = None) -> Merged:
-    """Write the runs of results files to a new one.
+def merge(
+    paths: Sequence[str | Path],
+    out: str | Path,
+    progress: Report | None = None,
+    *,
+    only: Collection[Key] | None = None,
+) -> Merged:
+    """Write the runs of results files to a new one: all, or those of the keys ``only``.
 
     The run that was made first stays. Sessions keep their order, so that the latest code is the latest one there, too.
     A cost is that of the first file that has it.
@@ -77,10 +83,12 @@ def merge(paths: Sequence[str | Path], out: str | Path, progress: Report | None 
         for source in sources:
             stack.enter_context(source.snapshot())
         tasks = _tasks(sources)
+        if only is not None:
+            tasks = {name: row for name, row in tasks.items() if name in {key.task for key in only}}
         with replacing([out]) as (new,):
             try:
                 with Store(new) as store, store.explaining(), store.transaction():
-                    return _Merge(sources, store, tasks, progress).run()
+                    return _Merge(sources, store, tasks, progress, only).run()
             except StoreError as error:
                 raise StoreError(str(error).replace(str(new), str(out))) from error
 
@@ -89,9 +97,16 @@ class _Merge:
     """One merge: open files, the new file in a transaction, and what has been found so far."""
 
     def __init__(
-        self, sources: Sequence[Store], store: Store, tasks: dict[str, dict[str, Any]], progress: Report | None
+        self,
+        sources: Sequence[Store],
+        store: Store,
+        tasks: dict[str, dict[str, Any]],
+        progress: Report | None,
+        only: Collection[Key] | None,
     ):
         self.sources, self.store, self.tasks, self.progress = sources, store, tasks, progress
+        #: Values of KEY, but for the run, that are copied; None copies all.
+        self.only = None if only is None else {key.values for key in only}
         self.criteria = {name: criteria_of(row["criteria"]) for name, row in tasks.items() if row["criteria"]}
         self.sessions: dict[tuple[Any, ...], int] = {}  #: numbers in the new file, by start, versions and machine
         self.suspects: dict[tuple[Key, int], list[int]] = {}  #: runs that are not bit for bit those of the new file
@@ -103,20 +118,35 @@ class _Merge:
             write("INSERT INTO tasks VALUES (?, ?, ?, ?, ?)", (name, *(task[column] for column in _FILLED)))
         told = [_sessions(source) for source in self.sources]
         total = sum(source.connection.execute("SELECT count(*) FROM runs").fetchone()[0] for source in self.sources)
-        runs = 0
+        runs = left = 0
         streams = [_rows(i, source, told[i]) for i, source in enumerate(self.sources)]
         for done, (_, i, row) in enumerate(heapq.merge(*streams, key=lambda one: one[0]), start=1):
-            runs += self._copy(i, row, told[i])
+            if self._wanted(row[: len(KEY) - 1]):
+                runs += self._copy(i, row, told[i])
+            else:
+                left += 1
             if self.progress and (done % REPORT_ROWS == 0 or done == total):
                 self.progress(done, total)
         for i, source in enumerate(self.sources):
             sql = "SELECT task, solver, settings_hash, code, session, median_us, p95_us, ratio FROM costs"
             for name, solver, settings_hash, code, session, *cost in source.connection.execute(sql):
-                values = (name, solver, settings_hash, code, self._session(told[i], session), *cost)
-                write("INSERT OR IGNORE INTO costs VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
+                if self._wanted((name, None, solver, settings_hash, code)):
+                    values = (name, solver, settings_hash, code, self._session(told[i], session), *cost)
+                    write("INSERT OR IGNORE INTO costs VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
+            sql = "SELECT task, suite, solver, settings_hash, before, code, runs, compared, session FROM adoptions"
+            for *adoption, session in source.connection.execute(sql):
+                if self._wanted((*adoption[:4], None)):
+                    values = (*adoption, self._session(told[i], session))
+                    write("INSERT OR IGNORE INTO adoptions VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", values)
         if found := list(self._conflicts()):
             raise Conflicts(found)
-        return Merged(runs, total - runs, (*_other_code(self.sources), *_other_versions(self.sources)))
+        return Merged(runs, total - runs - left, (*_other_code(self.sources), *_other_versions(self.sources)))
+
+    def _wanted(self, values: Sequence[Any]) -> bool:
+        """Return whether what belongs to these values of KEY, of which None is any, is copied."""
+        if self.only is None:
+            return True
+        return any(all(v in (None, k) for v, k in zip(values, key, strict=True)) for key in self.only)
 
     def _copy(self, i: int, row: tuple[Any, ...], told: dict[int, tuple[Any, ...]]) -> bool:
         """Copy a row of a file, unless there is one of its key already; return whether it was copied."""

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from sins_env.evaluation.play.fields import Field
 from sins_env.evaluation.play.records import FIELDS
 
-SCHEMA_VERSION = max(4, *(one.since for one in FIELDS.values()))
+SCHEMA_VERSION = max(5, *(one.since for one in FIELDS.values()))
 KEY = ("task", "suite", "solver", "settings_hash", "code", "run")
 
 #: Words and counts of a run, which have their usual values in most runs.
@@ -66,6 +66,10 @@ def _spans(version: int) -> str:
 
 #: Table of histories, apart from the scores, so that a table of scores does not read them.
 _HISTORIES = "CREATE TABLE histories (id INTEGER PRIMARY KEY REFERENCES runs (id), history BLOB)"
+#: Table of the rows that an older version of the code has made, and that count as made by a later one (adopting.py).
+_ADOPTIONS = """CREATE TABLE adoptions (
+    task TEXT, suite TEXT, solver TEXT, settings_hash TEXT, before TEXT, code TEXT, runs TEXT, compared INTEGER,
+    session INTEGER REFERENCES sessions (id), PRIMARY KEY (task, suite, solver, settings_hash, before, session))"""
 _TROUBLES = f"CREATE INDEX troubles ON runs ({', '.join(KEY)}) WHERE {TROUBLE}"
 
 #: Statements that make a new file. Units are rad, and s from the start of fine alignment. A censored t_conv is Inf, and an
@@ -81,6 +85,7 @@ SCHEMA = (
     """CREATE TABLE costs (
         task TEXT, solver TEXT, settings_hash TEXT, code TEXT, session INTEGER, median_us REAL, p95_us REAL,
         ratio REAL, PRIMARY KEY (task, solver, settings_hash, code))""",
+    _ADOPTIONS,
 )
 
 
@@ -111,5 +116,5 @@ def _rebuilt() -> tuple[str, ...]:
 
 #: Statements that migrate each older schema to the next. The index follows at the end, because it uses present columns.
 MIGRATIONS = {version: _added(version + 1) for version in range(1, SCHEMA_VERSION)}
-MIGRATIONS |= {2: _rebuilt(), 3: (_spans(4),)}
+MIGRATIONS |= {2: _rebuilt(), 3: (_spans(4),), 4: (_ADOPTIONS, *_added(5))}
 UNINDEX, REINDEX = "DROP INDEX IF EXISTS troubles", _TROUBLES

@@ -96,7 +96,7 @@ class Store(Database):
             ValueError: the file's runs of the task were scored by other criteria.
         """
         with self.explaining(), self.transaction():
-            session = self._of_session()
+            session = self.session()
             sql = "INSERT INTO tasks (task, criteria) VALUES (?, ?)"
             sql += " ON CONFLICT DO UPDATE SET criteria = coalesce(criteria, excluded.criteria) RETURNING criteria"
             (held,) = self.connection.execute(sql, (key.task, criteria_json(records.criteria))).fetchone()
@@ -187,27 +187,28 @@ class Store(Database):
         """Write or replace the cost of a step of the solver."""
         values = (key.task, key.solver, key.settings_hash, key.code)
         with self.explaining(), self.transaction():
-            row = (*values, self._of_session(), *cost)
+            row = (*values, self.session(), *cost)
             self.connection.execute("INSERT OR REPLACE INTO costs VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
 
-    def _of_session(self) -> int:
+    def session(self) -> int:
+        """Return the number of this session, which the file has from the first time on; it belongs in a transaction."""
         if self._session is None:
             sql = "INSERT INTO sessions (versions, machine) VALUES (?, ?)"
             self._session = self.connection.execute(sql, (json.dumps(version.packages(PACKAGES)), _machine())).lastrowid
         assert self._session is not None
         return self._session
 
-    def keys(self, tasks: Sequence[str] = (), solvers: Sequence[str] = ()) -> list[Key]:
+    def keys(self, tasks: Sequence[str] = (), solvers: Sequence[str] = (), *, every_code: bool = False) -> list[Key]:
         """Return the keys of these tasks and solvers (all by default) in the order of evaluation.
 
-        A solver has only the key of its latest code.
+        A solver has only the key of its latest code, unless ``every_code`` asks for all.
         """
         sql = f"""WITH groups AS (SELECT max(id) AS last FROM runs GROUP BY {", ".join(KEY[:-1])})
             SELECT task, suite, solver, settings, code FROM groups JOIN runs ON id = last ORDER BY last"""
         with self.explaining():
             found = [Key(*row) for row in self.connection.execute(sql)]
         latest = {(key.task, key.suite, key.solver, key.settings): key for key in found}
-        return [key for key in latest.values() if key.among(tasks, solvers)]
+        return [key for key in (found if every_code else latest.values()) if key.among(tasks, solvers)]
 
     def results(self, key: Key, runs: Container[int] | None = None, whole: bool = True) -> Results:
         """Return the results of a key, as :func:`evaluate` does, for the runs in ``runs`` or for all.

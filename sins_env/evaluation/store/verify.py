@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -49,6 +49,7 @@ class Verified:
     runs: int  #: number of runs that were run again
     differences: tuple[str, ...]  #: a line for each run, or task, that differs from what is stored
     left_out: dict[str, int] = field(default_factory=dict)  #: number of rows that cannot be verified, by reason
+    compared: dict[Key, int] = field(default_factory=dict)  #: number of runs that were run again, by key
 
 
 def verify(
@@ -59,10 +60,11 @@ def verify(
     draw: int | None = None,
     *,
     trusted: Collection[str] = (),
+    other_code: bool = False,
     where: Runner | None = None,
     progress: monte_carlo.Report | None = None,
 ) -> Verified:
-    """Run up to ``rows`` random rows of these keys again, and compare them with the stored ones.
+    """Run up to ``rows`` random rows of these keys again, spread evenly over them, and compare them with the stored ones.
 
     Args:
         store: results file.
@@ -71,31 +73,28 @@ def verify(
         seed: seed of a hidden suite; None takes that of each task.
         draw: seed of the choice of rows; None makes another choice every time.
         trusted: solvers as module:Factory that may be imported; those that only the file names are left out.
+        other_code: whether rows of another version of the code are compared, too, instead of being left out.
         where: worker processes, or None for this process.
         progress: function called with the number of runs that are done and with their total.
     """
     left_out: dict[str, int] = {}
     changed: dict[str, str] = {}
-    candidates: list[tuple[int, int]] = []
-    for i, key in enumerate(keys):
+    candidates: dict[Key, list[int]] = {}
+    for key in keys:
         runs = sorted(store.runs_of(key))
-        reason = _obstacle(key, seed, trusted)
+        reason = _obstacle(key, seed, trusted, other_code)
         if reason:
             left_out[reason] = left_out.get(reason, 0) + len(runs)
             continue
         if key.task not in changed:
             changed[key.task] = _change(store, key.task)
-        candidates += [(i, run) for run in runs]
-    count = min(rows, len(candidates))
-    chosen = np.random.default_rng(draw).permutation(len(candidates))[:count].tolist()
+        candidates[key] = runs
+    chosen = _drawn(candidates, rows, draw)
+    count = sum(map(len, chosen.values()))
     differences = [text for text in changed.values() if text]
     yardsticks: dict[str, None] = {}  # each task's once
-    by_key: dict[int, list[int]] = {}
-    for at in sorted(chosen):
-        by_key.setdefault(candidates[at][0], []).append(candidates[at][1])
     done = 0
-    for i, runs in by_key.items():
-        key = keys[i]
+    for key, runs in chosen.items():
 
         def report(part: float, total: float, before: int = done, here: int = len(runs)) -> None:
             if progress:
@@ -111,7 +110,20 @@ def verify(
         yardsticks |= dict.fromkeys(f"{key.task}: {text}" for text in _yardsticks(stored, found))
         differences += [f"{stored.label} on {key.task}, {text}" for text in compare_runs(stored.records, found.records)]
         done += len(runs)
-    return Verified(done, (*yardsticks, *differences), left_out)
+    return Verified(done, (*yardsticks, *differences), left_out, {key: len(runs) for key, runs in chosen.items()})
+
+
+def _drawn(candidates: Mapping[Key, Sequence[int]], rows: int, draw: int | None) -> dict[Key, list[int]]:
+    """Return up to ``rows`` random runs by key: a second one of a key comes after the first one of every key."""
+    rng = np.random.default_rng(draw)
+    order = [
+        (place, tie, key, run)
+        for key, runs in candidates.items()
+        for place, (tie, run) in enumerate(zip(rng.random(len(runs)), rng.permutation(runs).tolist(), strict=True))
+    ]
+    first = sorted(order, key=lambda one: one[:2])[:rows]
+    chosen = {key: sorted(run for _, _, of, run in first if of == key) for key in candidates}
+    return {key: runs for key, runs in chosen.items() if runs}
 
 
 def _yardsticks(stored: Results, now: Results) -> Iterator[str]:
@@ -134,7 +146,7 @@ def may_run(solver: str, trusted: Collection[str] = ()) -> bool:
     return solver in trusted or (":" not in solver and (finding.is_own(solver) or finding.is_foreign(solver)))
 
 
-def _obstacle(key: Key, seed: int | None, trusted: Collection[str]) -> str:
+def _obstacle(key: Key, seed: int | None, trusted: Collection[str], other_code: bool) -> str:
     """Return why these rows cannot be run again; empty if they can. Nothing is imported to find out."""
     if key.task not in TASKS:
         return f"{key.task} is no task of this version"
@@ -149,8 +161,8 @@ def _obstacle(key: Key, seed: int | None, trusted: Collection[str]) -> str:
         code = version.code_version(key.solver)
     except ValueError:
         return f"no solver {key.solver} here"
-    if code != key.code:
-        return f"made with code {key.code}, this is {code}"
+    if code != key.code and not other_code:
+        return f"made with code {key.code}, this is {code} (verify --adopt compares them)"
     if key.suite != suite_hash(TASKS[key.task], seed):
         return f"of suite {key.suite}: --seed must be given, or is another's"
     return ""
