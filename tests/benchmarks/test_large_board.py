@@ -55,7 +55,7 @@ def test_a_board_asks_as_often_whatever_the_runs_and_resamples_solvers_together(
         )  # most of a file, which no table shows
         assert drawn == [(runs, 3 * SOLVERS)] * len(tasks)
         asked.append(len(statements))
-    of_keys, of_tasks, of_solvers = 1, len(tasks), 4 * len(tasks) * SOLVERS
+    of_keys, of_tasks, of_solvers = 1, 2 * len(tasks), 4 * len(tasks) * SOLVERS
     assert asked == [OPENING + of_keys + of_tasks + of_solvers] * 2
 
 

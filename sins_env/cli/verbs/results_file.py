@@ -28,13 +28,13 @@ VERIFIED_ROWS, ADOPTED_ROWS = 20, 200  #: rows to run again by default, and befo
 LEAST_SECRET_BITS = 64  #: least length of a secret suite seed, which could be guessed from its hash otherwise
 
 
-def _chosen(given: Namespace, store: Store) -> list[Key]:
-    """Return the keys of the tasks and solvers that the options name.
+def _chosen(given: Namespace, store: Store, oracles: bool = False) -> list[Key]:
+    """Return the keys of the tasks and solvers that the options name; with ``oracles`` also those of the oracle.
 
     Raises:
         ValueError: a name that the file does not have.
     """
-    held = store.keys()
+    held = store.keys(oracles=oracles)
     for kind, wanted, there in (
         ("task", given.task, {key.task for key in held}),
         ("solver", given.solver, {key.solver for key in held}),
@@ -124,7 +124,7 @@ def verify(given: Namespace, console: Console) -> int:
     rows = given.rows or (ADOPTED_ROWS if given.adopt else VERIFIED_ROWS)
     adopted: list[adopting.Adoption] = []
     with Store(given.db, read_only=not given.adopt) as store:
-        keys = _chosen(given, store)
+        keys = _chosen(given, store, oracles=True)
         if given.adopt:
             keys = adopting.older(store, given.task, given.solver)
             if not keys:

@@ -22,7 +22,7 @@ one bit.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +30,7 @@ import numpy as np
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
 from sins_env.evaluation.bound.fisher import fix_noise
-from sins_env.evaluation.tasks.task import EvaluationTask
+from sins_env.evaluation.tasks.task import EvaluationTask, run_numbers
 from sins_env.sensors.gps import ZeroVelocity
 from sins_env.specs import ImuSpec
 from sins_env.states import ERRORS, FIX, Block, Layout, answered
@@ -76,11 +76,20 @@ def simulated(task: EvaluationTask) -> tuple[Task, SimulatedWorld] | None:
     return public, world
 
 
-def true_motion(task: EvaluationTask, public: Task, runs: int) -> Iterator[Truth]:
-    """Yield the truth of the first runs of the suite in chunks. Means are by Simpson's rule, from states at half epochs."""
-    h = public.epoch_s
-    env: Any = task.make(runs, epoch=0.5 * h, n_sub=1, reveal_truth=True)
-    _, info = task.reset(env, range(runs))
+def true_motion(
+    task: EvaluationTask, public: Task, runs: int | Iterable[int], suite_seed: int | None = None
+) -> Iterator[Truth]:
+    """Yield the truth of runs of the suite in chunks. Means are by Simpson's rule, from states at half epochs.
+
+    Args:
+        task: a simulated task.
+        public: what its environment tells.
+        runs: number of runs, or their numbers.
+        suite_seed: seed of the suite; None takes that of the task.
+    """
+    h, wanted = public.epoch_s, run_numbers(runs)
+    env: Any = task.make(len(wanted), epoch=0.5 * h, n_sub=1, reveal_truth=True)
+    _, info = task.reset(env, wanted, suite_seed)
     world: SimulatedWorld = env.unwrapped.episode.world
     model = earth.get(public.site.earth)
     last = [info["truth"][name][:, None] for name in ("q_nb", "vel", "pos")]

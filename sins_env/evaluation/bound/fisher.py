@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -31,29 +32,55 @@ def fisher_factor(gps: GpsSpec, dimension: int) -> float:
     """
     from scipy import integrate  # slow to import
 
-    dof, m = gps.heavy_tail_dof, dimension
-    share = np.array([1 - gps.contamination, gps.contamination])
-    scale = np.array([1.0, max(gps.contamination_factor, LEAST_SCALE)])[share > 0]
-    share = share[share > 0]
-    log_size = np.log(share) - 0.5 * m * np.log(scale)
-    if dof:
-        log_size += math.lgamma(0.5 * (dof + m)) - math.lgamma(0.5 * dof) - 0.5 * m * math.log(math.pi * dof)
-    else:
-        log_size -= 0.5 * m * math.log(2 * math.pi)
+    m, scale = dimension, _mixture(gps)[1]
     log_sphere = math.log(2) + 0.5 * m * math.log(math.pi) - math.lgamma(0.5 * m)  # surface of the unit sphere
 
     def integrand(log_r: float) -> float:
-        q = math.exp(2 * log_r)
-        if dof:
-            log_g = log_size - 0.5 * (dof + m) * np.log1p(q / (dof * scale))
-            slope = (dof + m) / (dof * scale + q)
-        else:
-            log_g, slope = log_size - 0.5 * q / scale, 1 / scale
-        weight = np.exp(log_g - log_g.max())
-        slope = (weight @ slope) / weight.sum()  # -2 g'/g of the mixture
-        density = math.exp(log_sphere + m * log_r + log_g.max()) * weight.sum()  # of log r
-        return float(q * slope**2 * density)
+        q = np.exp(2 * np.array(log_r))
+        slope, log_g = _slope(gps, q, m)
+        return float(q * slope**2 * np.exp(log_sphere + m * log_r + log_g))  # density of log r
 
     bumps = 0.5 * np.log(m * scale)
     found, _ = integrate.quad(integrand, bumps.min() - 12, bumps.max() + 20, epsabs=1e-12, limit=400, points=bumps)
     return float(found) / m
+
+
+def efficient(gps: GpsSpec) -> Callable[[Array], Array]:
+    """Return a function of the errors (..., 6) of fixes that gives those with which an efficient estimator is left.
+
+    They are the derivative of the logarithm of the density over the Fisher information: a Gaussian error stays as it is, and one
+    far out in a tail counts little. Their covariance is :func:`fix_noise`, whatever the law.
+    """
+    std = np.maximum([*gps.vel_std, *gps.pos_std], LEAST_STD)
+    factor = fisher_factor(gps, FIX_DIMENSION)
+
+    def weighted(errors: Array) -> Array:
+        slope, _ = _slope(gps, np.square(errors / std).sum(axis=-1), FIX_DIMENSION)
+        out: Array = errors * (slope / factor)[..., None]
+        return out
+
+    return weighted
+
+
+def _mixture(gps: GpsSpec) -> tuple[Array, Array]:
+    """Return the shares and the variance factors of the components of a fix's error."""
+    share = np.array([1 - gps.contamination, gps.contamination])
+    scale = np.array([1.0, max(gps.contamination_factor, LEAST_SCALE)])
+    return share[share > 0], scale[share > 0]
+
+
+def _slope(gps: GpsSpec, q: Array, m: int) -> tuple[Array, Array]:
+    """Return -2 g'/g and log g at q (...), for errors of ``m`` components."""
+    share, scale = _mixture(gps)
+    dof, q = gps.heavy_tail_dof, q[..., None]
+    log_size = np.log(share) - 0.5 * m * np.log(scale)
+    if dof:
+        log_size += math.lgamma(0.5 * (dof + m)) - math.lgamma(0.5 * dof) - 0.5 * m * math.log(math.pi * dof)
+        log_g, slopes = log_size - 0.5 * (dof + m) * np.log1p(q / (dof * scale)), (dof + m) / (dof * scale + q)
+    else:
+        log_size -= 0.5 * m * math.log(2 * math.pi)
+        log_g, slopes = log_size - 0.5 * q / scale, np.broadcast_to(1 / scale, q.shape[:-1] + scale.shape)
+    most = log_g.max(axis=-1)
+    weight = np.exp(log_g - most[..., None])
+    total = weight.sum(axis=-1)
+    return (weight * slopes).sum(axis=-1) / total, most + np.log(total)

@@ -35,16 +35,17 @@ def packages(names: Iterable[str]) -> dict[str, str]:
     return out
 
 
-def code_version(solver: finding.Solver) -> str:
+def code_version(solver: finding.Solver | None) -> str:
     """Return the version with 8 hex digits of a hash over the sources of world, scoring and solvers.
 
-    For a solver of another package the sources of all packages with solvers enter, because it may use any of them.
+    For a solver of another package the sources of all packages with solvers enter, because it may use any of them. Without a
+    solver none does, as for the oracle.
 
     Raises:
         ValueError: no such solver.
     """
     files = set(_scoring())
-    for package in _packages(solver):
+    for package in _packages(solver) if solver is not None else ():
         files.update(sources(package))
     digest = hashlib.sha256()
     for path in sorted(files):

@@ -7,7 +7,7 @@
 - Two shares of failed runs: McNemar (1947), doi 10.1007/BF02295996, exact by the binomial law.
 - Many comparisons: Holm (1979), https://www.jstor.org/stable/4615733.
 
-See docs/tasks_and_scores.md#claims.
+See docs/tasks_and_scores.md#verdicts.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sins_env.arrays import Array, Mask
-from sins_env.evaluation.score.resampling import CONFIDENCE, NO_INTERVAL, SEED, Estimate
+from sins_env.evaluation.score.resampling import CONFIDENCE, NO_INTERVAL, SEED, Estimate, units_of
 
 LEVEL = 1.0 - CONFIDENCE  #: probability of a false verdict
 FLIPS = 9999  #: number of random patterns of signs; the observed one is counted with them
@@ -61,21 +61,33 @@ def median(values: Array) -> Estimate:
     return float(0.5 * (middle[0] + middle[1])), interval
 
 
-@lru_cache(maxsize=8)
-def patterns(runs: int) -> Array:
-    """Return patterns of signs (N, runs): all of them for few runs, else the observed one and FLIPS random ones."""
-    if runs <= ALL_PATTERNS:
-        bits = np.arange(2**runs)[:, None] >> np.arange(runs) & 1
-    else:
-        bits = np.vstack([np.zeros(runs, dtype=int), np.random.default_rng(SEED).integers(0, 2, (FLIPS, runs))])
-    return np.where(bits, -1.0, 1.0)
+@lru_cache(maxsize=2)
+def patterns(units: int) -> Array:
+    """Return patterns of signs (N, units): all of them for few units, else the observed one and FLIPS random ones."""
+    if units <= ALL_PATTERNS:
+        bits = np.arange(2**units)[:, None] >> np.arange(units) & 1
+        return np.where(bits, -1.0, 1.0)
+    out = np.empty((1 + FLIPS, units))
+    out[0] = 1.0
+    out[1:] = np.random.default_rng(SEED).integers(0, 2, (FLIPS, units))
+    out[1:] *= -2.0
+    out[1:] += 1.0
+    return out
+
+
+def flipped(columns: Array) -> Array:
+    """Return the sums of columns (R, k) under each pattern of signs, (k, N); the first pattern is the observed one.
+
+    Runs beyond some thousand share signs in blocks, which are as exchangeable as runs are.
+    """
+    units = units_of(columns)
+    return np.ascontiguousarray(units.T) @ patterns(len(units)).T
 
 
 def sign_flips(a: Array, b: Array) -> float:
     """Return the two-sided p value of equal mean losses of two solvers in the same runs, (R,) each."""
-    differences = a - b
-    drawn = np.abs(patterns(len(differences)) @ differences)
-    return float((drawn >= abs(differences.sum()) * (1.0 - ROUNDING)).mean())
+    ((p, _),) = against(a[:, None], b, level=None)
+    return p
 
 
 def ratio_by_flips(a: Array, b: Array, level: float = LEVEL) -> Estimate:
@@ -85,11 +97,33 @@ def ratio_by_flips(a: Array, b: Array, level: float = LEVEL) -> Estimate:
         a, b: losses, squared errors of each run (R,).
         level: probability that the interval misses the true ratio.
     """
-    signs = patterns(len(a))
-    drawn_a, drawn_b, sum_a, sum_b = signs @ a, signs @ b, float(a.sum()), float(b.sum())
-    if not (sum_b > 0.0 and sum_a > 0.0):
+    ((_, ratio),) = against(a[:, None], b, level)
+    return ratio
+
+
+def against(losses: Array, reference: Array, level: float | None = LEVEL) -> list[tuple[float, Estimate]]:
+    """Return :func:`sign_flips` and :func:`ratio_by_flips` of each column of losses (R, k) and one reference (R,).
+
+    The patterns of signs are applied once to all. Without a level there are no intervals.
+    """
+    differences = losses - reference[:, None]
+    drawn, (drawn_b,) = flipped(differences), flipped(reference[:, None])
+    sum_b = float(reference.sum())
+    out = []
+    for own, difference in zip(drawn, differences.sum(axis=0).tolist(), strict=True):
+        p = float((np.abs(own) >= abs(difference) * (1.0 - ROUNDING)).mean())
+        sums = difference + sum_b, sum_b
+        out.append((p, _ratio(own + drawn_b, drawn_b, *sums, level)))
+    return out
+
+
+def _ratio(drawn_a: Array, drawn_b: Array, sum_a: float, sum_b: float, level: float | None) -> Estimate:
+    """Return the ratio of RMS from flipped sums (N,) and the observed ones, with its interval if there is a level."""
+    if not sum_b > 0.0:
         return math.nan, NO_INTERVAL
     ratio = sum_a / sum_b
+    if level is None or not ratio > 0.0:
+        return math.sqrt(max(ratio, 0.0)), NO_INTERVAL
 
     def kept(log: float) -> bool:
         r = ratio * math.exp(log)
@@ -119,6 +153,17 @@ def mcnemar(a: Mask, b: Mask) -> float:
     only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
     runs = only_a + only_b
     return min(1.0, 2.0 * float(special.bdtr(min(only_a, only_b), runs, 0.5))) if runs else 1.0
+
+
+def fails_more(a: Mask, b: Mask) -> tuple[bool, bool]:
+    """Return whether a is told to fail more often than b in the same runs (R,), and b more often than a."""
+    told, more = mcnemar(a, b) <= LEVEL, int(a.sum()) - int(b.sum())
+    return told and more > 0, told and more < 0
+
+
+def sign_test(a: Array, b: Array) -> float:
+    """Return the two-sided p value of a being as often above b as below it (R,); ties and two infinite values are dropped."""
+    return mcnemar(a < b, b < a)
 
 
 def holm(p: ArrayLike) -> Array:
@@ -152,12 +197,12 @@ def unbeaten(losses: Array, level: float = LEVEL) -> Mask:
 
 def beaten_by(losses: Array, level: float = LEVEL) -> Array:
     """Return by how many others each column of losses (R, k) is beaten, one-sided at ``level`` / (k - 1), (k,)."""
-    runs, count = losses.shape
-    sums = losses.sum(axis=0)
-    drawn = patterns(runs) @ losses
+    count, sums = losses.shape[1], losses.sum(axis=0)
+    order = np.argsort(sums, kind="stable")
+    drawn, sums = flipped(losses)[order], sums[order]
     out = np.zeros(count, dtype=int)
-    for j in range(count):
-        apart = np.abs(drawn - drawn[:, [j]]) >= np.abs(sums - sums[j]) * (1.0 - ROUNDING)
-        p = 0.5 * apart.mean(axis=0)
-        out[j] = int(((sums < sums[j]) & (p <= level / max(count - 1, 1))).sum())
+    for place, j in enumerate(order):
+        better = sums < sums[place]
+        apart = np.abs(drawn[better] - drawn[place]) >= (sums[place] - sums[better])[:, None] * (1.0 - ROUNDING)
+        out[j] = int((0.5 * apart.mean(axis=1) <= level / max(count - 1, 1)).sum())
     return out

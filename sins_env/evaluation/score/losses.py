@@ -6,20 +6,50 @@ the root of its mean. S equals the RMS if no error exceeds d.
 
 Intervals are those of the bootstrap of the studentised logarithm of the mean loss: Efron and Tibshirani (1993), chapter 12.5.
 The ratio to the bound takes the squared errors of the oracle (bound/oracle.py), whose mean is known, as a control variate.
+Solvers with the same runs share the resamples, so that they are computed together.
 
-See docs/tasks_and_scores.md#claims.
+See docs/tasks_and_scores.md#verdicts.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from sins_env.arrays import Array
-from sins_env.evaluation.score.resampling import LEAST_RUNS, NO_INTERVAL, RESAMPLES, TAILS, Estimate, draw_counts
+from sins_env.evaluation.score.resampling import (
+    CONFIDENCE,
+    LEAST_RUNS,
+    NO_INTERVAL,
+    RESAMPLES,
+    Estimate,
+    Interval,
+    draw_counts,
+    units_of,
+)
 
 TINY = 1e-300  #: least variance of a resample, which may have drawn one run alone
+
+
+class Root(NamedTuple):
+    """Root of a mean loss, with resamples that give it an interval of any confidence."""
+
+    value: float
+    t: Array  #: (B,) resampled logarithms of the mean loss, studentised; none if there is no interval
+    error: float  #: standard error of the logarithm of the mean loss
+
+    def interval(self, confidence: float = CONFIDENCE) -> Interval:
+        """Return the interval; NaN if there is none."""
+        if not len(self.t):
+            return NO_INTERVAL
+        low, high = np.percentile(self.t, 50.0 * np.array([1.0 - confidence, 1.0 + confidence]))
+        return self.value * math.exp(-0.5 * high * self.error), self.value * math.exp(-0.5 * low * self.error)
+
+    def over(self, scale: float) -> Root:
+        """Return the same root in units of ``scale``."""
+        return self._replace(value=self.value / scale)
 
 
 def capped(errors: Array, cap: float) -> Array:
@@ -31,18 +61,31 @@ def capped(errors: Array, cap: float) -> Array:
 
 def score(losses: Array) -> Estimate:
     """Return S, the root of the mean loss (R,), with its 95 % interval: a point for equal losses, none below six runs."""
-    runs, mean = len(losses), float(losses.mean())
-    if runs < LEAST_RUNS or not mean > 0.0:
-        return math.sqrt(mean), NO_INTERVAL
-    spread = losses.std(ddof=1) / mean / math.sqrt(runs)
-    if spread <= 1e-12:
-        return math.sqrt(mean), (math.sqrt(mean),) * 2
+    (found,) = scores(losses[:, None])
+    return found.value, found.interval()
+
+
+def scores(losses: Array) -> list[Root]:
+    """Return S of every column of losses (R, k)."""
+    units, means = _units(losses), losses.mean(axis=0)
+    runs = len(units)
+    if runs < LEAST_RUNS:
+        return [_without(mean) for mean in means.tolist()]
     counts = draw_counts(runs, RESAMPLES)
-    means = counts @ losses / runs
-    variances = (counts @ (losses * losses) / runs - means * means) * runs / (runs - 1)
-    with np.errstate(divide="ignore"):
-        t = (np.log(means) - math.log(mean)) / (np.sqrt(np.maximum(variances, TINY)) / means / math.sqrt(runs))
-    return _studentised(mean, t, spread)
+    drawn, squares = counts @ units / runs, counts @ np.square(units) / runs
+    with np.errstate(divide="ignore", invalid="ignore"):
+        errors = units.std(axis=0, ddof=1) / means / math.sqrt(runs)
+        variances = np.maximum((squares - drawn * drawn) * runs / (runs - 1), TINY)
+        t = (np.log(drawn) - np.log(means)) / (np.sqrt(variances) / drawn / math.sqrt(runs))
+    out = []
+    for i, (mean, error) in enumerate(zip(means.tolist(), errors.tolist(), strict=True)):
+        if not mean > 0.0:
+            out.append(_without(mean))
+        elif error <= 1e-12:
+            out.append(Root(math.sqrt(mean), np.zeros(1), 0.0))
+        else:
+            out.append(Root(math.sqrt(mean), t[:, i], error))
+    return out
 
 
 def over_bound(losses: Array, oracle: Array, bound: float) -> Estimate:
@@ -56,28 +99,45 @@ def over_bound(losses: Array, oracle: Array, bound: float) -> Estimate:
         oracle: squared errors of the oracle in the same runs, never capped, (R,).
         bound: b, in the unit of the errors.
     """
-    runs, known = len(losses), bound**2
-    L, O = losses - losses.mean(), oracle - oracle.mean()
-    with np.errstate(divide="ignore", invalid="ignore"):
-        beta = float((O * losses).sum() / np.square(O).sum()) if runs >= LEAST_RUNS and O.any() else 0.0
-    mean = float(losses.mean() - beta * (oracle.mean() - known))
-    if runs < LEAST_RUNS or not mean > 0.0:
-        return math.sqrt(max(mean, 0.0) / known), NO_INTERVAL
-    error = math.sqrt(np.square(L - beta * O).sum() / (runs - 2) / runs)
+    (found,) = over_bounds(losses[:, None], oracle, bound)
+    return found.value, found.interval()
+
+
+def over_bounds(losses: Array, oracle: Array, bound: float) -> list[Root]:
+    """Return :func:`over_bound` of every column of losses (R, k), each with its resamples."""
+    known = bound**2
+    units, shared = _units(losses), _units(oracle[:, None])
+    runs = len(units)
+    L, O = units - units.mean(axis=0), shared - shared.mean(axis=0)
+    beta = (O * units).sum(axis=0) / np.square(O).sum() if runs >= LEAST_RUNS and O.any() else np.zeros(L.shape[1])
+    means = losses.mean(axis=0) - beta * (oracle.mean() - known)
+    if runs < LEAST_RUNS or not O.any():
+        return [_without(max(mean, 0.0)).over(bound) for mean in means.tolist()]
+    errors = np.sqrt(np.square(L - beta * O).sum(axis=0) / (runs - 2) / runs)
     counts = draw_counts(runs, RESAMPLES)
-    l, o = counts @ losses / runs, counts @ oracle / runs
-    s_oo = counts @ (oracle * oracle) / runs - o * o
-    s_lo = counts @ (losses * oracle) / runs - l * o
-    s_ll = counts @ (losses * losses) / runs - l * l
-    slope = s_lo / s_oo
-    adjusted = np.maximum(l - slope * (o - known), 1e-9 * mean)
-    errors = np.sqrt(np.maximum(s_ll - slope * s_lo, 1e-15 * known**2) / (runs - 2))
-    value, (low, high) = _studentised(mean, (np.log(adjusted) - math.log(mean)) / (errors / adjusted), error / mean)
-    return value / bound, (low / bound, high / bound)
+    l, o = counts @ units / runs, counts @ shared / runs
+    s_oo = counts @ np.square(shared) / runs - o * o
+    s_lo = counts @ (units * shared) / runs - l * o
+    s_ll = counts @ np.square(units) / runs - l * l
+    out = []
+    for i, (mean, error) in enumerate(zip(means.tolist(), errors.tolist(), strict=True)):
+        if not mean > 0.0:
+            out.append(_without(max(mean, 0.0)).over(bound))
+            continue
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = np.where(s_oo[:, 0] > 0.0, s_lo[:, i] / s_oo[:, 0], 0.0)
+        adjusted = np.maximum(l[:, i] - slope * (o[:, 0] - known), 1e-9 * mean)
+        spread = np.sqrt(np.maximum(s_ll[:, i] - slope * s_lo[:, i], 1e-15 * known**2) / (runs - 2))
+        t = (np.log(adjusted) - math.log(mean)) / (spread / adjusted)
+        out.append(Root(math.sqrt(mean), t, error / mean).over(bound))
+    return out
 
 
-def _studentised(mean: float, t: Array, error: float) -> Estimate:
-    """Return sqrt(mean) with its interval, from resampled t (B,) of log(mean) and the standard error of log(mean)."""
-    low, high = np.percentile(t, 100.0 * TAILS)
-    root = math.sqrt(mean)
-    return root, (root * math.exp(-0.5 * high * error), root * math.exp(-0.5 * low * error))
+def _without(mean: float) -> Root:
+    """Return the root of a mean loss without an interval."""
+    return Root(math.sqrt(mean), np.empty(0), math.nan)
+
+
+def _units(columns: Array) -> Array:
+    """Return the means of columns (R, k) over the units that are resampled, which are runs or blocks of runs."""
+    return units_of(columns) / units_of(np.ones((len(columns), 1)))

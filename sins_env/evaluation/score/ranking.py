@@ -10,15 +10,19 @@ the end. The RMS ranks, not a convergence time, because it depends on no thresho
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from sins_env.arrays import Array
+from sins_env.evaluation.score.exact import LEVEL
 from sins_env.evaluation.score.headline import by_failures, headline
 from sins_env.evaluation.score.paired import Pairing, apart, common, difference_of_rates
 from sins_env.evaluation.score.quantities import run_errors
 from sins_env.evaluation.score.results import Results, summarise_together
+from sins_env.evaluation.score.verdicts import Verdict, judge
+from sins_env.evaluation.speed.cost import YARDSTICK
 
 
 def ranked(results: Iterable[Results]) -> list[tuple[int, Results]]:
@@ -41,6 +45,19 @@ def ranked(results: Iterable[Results]) -> list[tuple[int, Results]]:
             leader = i
         ranks.append(leader + 1)
     return list(zip(ranks, lines, strict=True))
+
+
+def verdicts(results: Sequence[Results], yardstick: str = YARDSTICK, level: float = LEVEL) -> list[Verdict]:
+    """Return the verdict on each solver of one task and suite, in the given order.
+
+    Args:
+        results: results of the solvers.
+        yardstick: name of the solver, with its usual settings, that the others are compared with.
+        level: probability of a false win in the task.
+    """
+    names = [one.solver if not one.settings else "" for one in results]
+    measure = max((one.measure for one in results), key=lambda measure: not math.isnan(measure.bound))
+    return judge([one.entry for one in results], measure, names.index(yardstick) if yardstick in names else None, level)
 
 
 def merit(one: Results) -> tuple[float, ...]:

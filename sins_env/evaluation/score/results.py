@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
+from sins_env.arrays import Array
 from sins_env.evaluation.bound import bounds
 from sins_env.evaluation.bound.bounds import Bound
 from sins_env.evaluation.play.records import Records
-from sins_env.evaluation.score.headline import headline, shown_headline
+from sins_env.evaluation.score.headline import bound_of, cap_of, error_of_run, failed_runs, headline, shown_headline
 from sins_env.evaluation.score.metrics import Summary, below_bound, bound_ratios, summaries
 from sins_env.evaluation.score.navigation import bound_means
 from sins_env.evaluation.score.quantities import QUANTITIES
 from sins_env.evaluation.score.repeatability import Repeatability, repeatability
 from sins_env.evaluation.score.resampling import NO_INTERVAL, Interval
+from sins_env.evaluation.score.verdicts import Entry, Measure, Verdict, judge
 from sins_env.evaluation.speed.cost import Cost
 from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.units import DEG
@@ -43,6 +47,8 @@ class Results:
     records: Records
     cost: Cost | None = None
     stored_bound: Bound | Literal["ask"] | None = "ask"  #: bound from a results file; "ask" finds that of the task
+    oracle: Records | None = None  #: runs of the oracle in the same suite; None if they are not known
+    told: Verdict | None = None  #: verdict of the board of its task; None finds that of a board of this solver alone
 
     @cached_property
     def summary(self) -> Summary:
@@ -56,6 +62,43 @@ class Results:
             return None
         found = bounds.find(self.task) if self.stored_bound == "ask" else self.stored_bound
         return found if found and found.fits(self.records.criteria) else None
+
+    @cached_property
+    def measure(self) -> Measure:
+        """Cap and bound of the score."""
+        bound = self.bound
+        cap, known = (of(self.task, self.records, bound) for of in (cap_of, bound_of))
+        return Measure(cap, known, bound is None or bool(bound.holds))
+
+    @cached_property
+    def entry(self) -> Entry:
+        """The runs as they are judged."""
+        records = self.records
+        error = error_of_run(self.task, records)
+        return Entry(
+            records.run, error, failed_runs(self.task, records, self.measure.cap), records.aligned_s, self._luck()
+        )
+
+    def _luck(self) -> Array | None:
+        """Return the squared errors of the oracle in these runs, (R,); None if any is not known."""
+        if self.oracle is None or not np.isin(self.records.run, self.oracle.run).all():
+            return None
+        squares: Array = np.square(error_of_run(self.task, self.oracle))
+        rows = np.argsort(self.oracle.run)
+        found = squares[rows[np.searchsorted(self.oracle.run, self.records.run, sorter=rows)]]
+        return found if np.isfinite(found).all() else None
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """What the board of its task says of this solver."""
+        return self.told or judge([self.entry], self.measure)[0]
+
+    def judged(self, verdict: Verdict) -> Results:
+        """Return the same results with a verdict; what was computed before is kept."""
+        out = replace(self, told=verdict)
+        given = {one.name for one in fields(self)} | {"verdict"}
+        vars(out).update({name: value for name, value in vars(self).items() if name not in given})
+        return out
 
     @cached_property
     def bound_ratio(self) -> dict[str, float]:

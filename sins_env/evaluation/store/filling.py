@@ -5,19 +5,23 @@ No worker waits for the last runs of one evaluation, and an interrupted command 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from sins_env.evaluation.bound import bounds, oracle
 from sins_env.evaluation.estimators import version
 from sins_env.evaluation.play.cluster import ClusterError
 from sins_env.evaluation.play.executors import runner
 from sins_env.evaluation.play.job import Job
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.play.queue import chunks, played
+from sins_env.evaluation.score.verdicts import LEAST_INTERVAL
 from sins_env.evaluation.speed.cost import cost_of
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks.task import EvaluationTask, suite_hash
+
+ORACLE_CHUNK = 64  #: number of runs of the oracle that are played together and stored when they end
 
 
 class Evaluation(NamedTuple):
@@ -61,6 +65,8 @@ def fill(
 ) -> None:
     """Make the missing runs in one queue and with progress; each chunk is stored when it ends.
 
+    The oracle follows in the same runs, from which boards take the luck out of the ratio to the bound.
+
     Args:
         store: results file.
         wanted: evaluations to complete.
@@ -84,17 +90,24 @@ def fill(
 
     todo = [(one, missing) for one in wanted if (missing := one.missing(store))]
     queue = [(one, job(one, part)) for one, missing in todo for part in chunks(missing, chunk)]
-    if not queue and not any(_cost_missing(store, one) for one in timed):
+    lucky = list(_oracles_missing(store, wanted, seed))
+    if not queue and not lucky and not any(_cost_missing(store, one) for one in timed):
         return
     key_of = {id(job): one.key for one, job in queue}
     titles = [f"{one.solver} on {one.task.name}" for one, _ in todo]
+    label = titles[0] if len(titles) == 1 else f"{len(titles)} evaluations" if titles else "oracle and costs"
     try:
         with (
             runner(executor, workers, max(len(queue), 1)) as where,
-            Bar(title or (titles[0] if len(titles) == 1 else f"{len(titles)} evaluations")) as bar,
+            Bar(title or label) as bar,
         ):
             for done, records in played([job for _, job in queue], where, bar.update):
                 store.add(key_of[id(done)], records)
+            for task, key, runs in lucky:
+                for part in chunks(runs, ORACLE_CHUNK):
+                    bar.update(note=f"oracle of {task.name}")
+                    if found := oracle.compute(task, part, seed):
+                        store.add(key, found.records)
             for one in timed:
                 if _cost_missing(store, one):
                     bar.update(note=f"cost of {one.solver}")
@@ -104,6 +117,21 @@ def fill(
         there = sum(len(one.runs) - len(one.missing(store)) for one in wanted)
         what = f"{there} of {sum(len(one.runs) for one in wanted)} runs are in {store.path}"
         raise type(error)(f"{error if isinstance(error, ClusterError) else 'interrupted'}: {what}; {resume}") from error
+
+
+def _oracles_missing(
+    store: Store, wanted: Sequence[Evaluation], seed: int | None
+) -> Iterator[tuple[EvaluationTask, Key, list[int]]]:
+    """Yield each task that has a bound and enough runs for intervals, with the runs of the oracle that the file lacks."""
+    runs: dict[str, set[int]] = {}
+    tasks = {one.task.name: one.task for one in wanted}
+    for one in wanted:
+        runs.setdefault(one.task.name, set()).update(one.runs)
+    for name, task in tasks.items():
+        if len(runs[name]) >= LEAST_INTERVAL and bounds.find(task) is not None:
+            key = Key.of(name, suite_hash(task, seed), oracle.SOLVER, {}, version.code_version(None))
+            if missing := sorted(runs[name] - store.runs_of(key)):
+                yield task, key, missing
 
 
 def _cost_missing(store: Store, one: Evaluation) -> bool:

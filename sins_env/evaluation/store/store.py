@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from sins_env.arrays import Array
-from sins_env.evaluation.bound import bounds
+from sins_env.evaluation.bound import bounds, oracle
 from sins_env.evaluation.bound.bounds import Bound
 from sins_env.evaluation.estimators import version
 from sins_env.evaluation.play.criteria import Criteria
@@ -82,6 +82,7 @@ class Store(Database):
     def __init__(self, path: str | Path, read_only: bool = False) -> None:
         self._session: int | None = None
         self._tasks: dict[str, tuple[EvaluationTask, Bound | Literal["ask"] | None]] = {}
+        self._oracles: dict[tuple[str, str, bool], Records | None] = {}
         super().__init__(path, read_only)
 
     def runs_of(self, key: Key) -> set[int]:
@@ -95,6 +96,7 @@ class Store(Database):
         Raises:
             ValueError: the file's runs of the task were scored by other criteria.
         """
+        self._oracles.clear()
         with self.explaining(), self.transaction():
             session = self.session()
             sql = "INSERT INTO tasks (task, criteria) VALUES (?, ?)"
@@ -198,17 +200,21 @@ class Store(Database):
         assert self._session is not None
         return self._session
 
-    def keys(self, tasks: Sequence[str] = (), solvers: Sequence[str] = (), *, every_code: bool = False) -> list[Key]:
+    def keys(
+        self, tasks: Sequence[str] = (), solvers: Sequence[str] = (), *, every_code: bool = False, oracles: bool = False
+    ) -> list[Key]:
         """Return the keys of these tasks and solvers (all by default) in the order of evaluation.
 
-        A solver has only the key of its latest code, unless ``every_code`` asks for all.
+        A solver has only the key of its latest code, unless ``every_code`` asks for all. The runs of the oracle, which is no solver,
+        have none without ``oracles``.
         """
         sql = f"""WITH groups AS (SELECT max(id) AS last FROM runs GROUP BY {", ".join(KEY[:-1])})
             SELECT task, suite, solver, settings, code FROM groups JOIN runs ON id = last ORDER BY last"""
         with self.explaining():
             found = [Key(*row) for row in self.connection.execute(sql)]
         latest = {(key.task, key.suite, key.solver, key.settings): key for key in found}
-        return [key for key in (found if every_code else latest.values()) if key.among(tasks, solvers)]
+        there = [key for key in (found if every_code else latest.values()) if oracles or key.solver != oracle.SOLVER]
+        return [key for key in there if key.among(tasks, solvers)]
 
     def results(self, key: Key, runs: Container[int] | None = None, whole: bool = True) -> Results:
         """Return the results of a key, as :func:`evaluate` does, for the runs in ``runs`` or for all.
@@ -236,7 +242,21 @@ class Store(Database):
             records = to_records([row[0] for row in numbers], odd, known, criteria, blobs)
         task, bound = self._task(key.task)
         settings = visible_parts(object_of(key.settings))
-        return Results(task, visible(key.solver), settings, visible(key.suite), records, self._cost(key), bound)
+        luck = self._oracle(key, whole) if bound is not None else None
+        return Results(task, visible(key.solver), settings, visible(key.suite), records, self._cost(key), bound, luck)
+
+    def _oracle(self, key: Key, whole: bool) -> Records | None:
+        """Return the runs of the oracle in the task and suite of a key; None if the file has none."""
+        if key.solver == oracle.SOLVER:
+            return None
+        at = key.task, key.suite, whole
+        if at not in self._oracles:
+            sql = "SELECT settings, code FROM runs WHERE task = ? AND suite = ? AND solver = ? ORDER BY id DESC LIMIT 1"
+            with self.explaining():
+                found = self.connection.execute(sql, (key.task, key.suite, oracle.SOLVER)).fetchone()
+            of = found and Key(key.task, key.suite, oracle.SOLVER, *found)
+            self._oracles[at] = self.results(of, whole=whole).records if of else None
+        return self._oracles[at]
 
     def _read(
         self, tables: str, columns: Sequence[str], key: Key, runs: Container[int] | None

@@ -72,10 +72,35 @@ def test_a_flight_with_a_lever_arm() -> None:
     assert found.nees.mean() / 9.0 == pytest.approx(1.0, abs=3.5 * math.sqrt(2.0 / (9 * 60)))
 
 
-def test_none_where_there_is_no_bound_or_no_variance() -> None:
+def test_none_where_there_is_no_bound() -> None:
     assert oracle.compute(get_task("vehicle-v0"), 2) is None
+
+
+def test_tails_of_fixes_count_little() -> None:
+    """Fixes without a variance: with the weights of an efficient estimator the covariance is that of the bound."""
     gps = {"vel_std_mps": 0.1, "rate_hz": 2.0, "heavy_tail_dof": 1.5}
-    assert oracle.compute(short("sway-white-v0", gps=gps), 2) is None
+    task = short("sway-white-v0", gps=gps)
+    found, bound = oracle.compute(task, RUNS), bounds.compute(task, RUNS)
+    assert found is not None
+    assert bound is not None
+    np.testing.assert_allclose(np.sqrt(found.expected_steady), bound.steady, rtol=1e-9)
+    assert found.nees.mean() / 3.0 == pytest.approx(1.0, abs=3.5 * math.sqrt(2.0 / (3 * RUNS)))
+
+
+def test_other_runs_and_other_suites() -> None:
+    task = short("sway-told-wrong-v0")
+    some, all_of_it = oracle.compute(task, [1, 4]), oracle.compute(task, 5)
+    elsewhere = oracle.compute(dataclasses.replace(task, suite_seed=8), [4], suite_seed=3)
+    assert some is not None
+    assert all_of_it is not None
+    assert elsewhere is not None
+    np.testing.assert_allclose(some.final, all_of_it.final[[1, 4]], rtol=1e-8)
+    np.testing.assert_allclose(elsewhere.final[0], all_of_it.final[4], rtol=1e-8)
+    records = all_of_it.records
+    assert records.run.tolist() == [0, 1, 2, 3, 4]
+    np.testing.assert_allclose(np.square(records.steady_rms), all_of_it.steady, rtol=1e-8)
+    np.testing.assert_allclose(np.square(records.final), all_of_it.final, rtol=1e-12)
+    np.testing.assert_allclose(records.nees[:, -1], all_of_it.nees)
 
 
 @pytest.mark.parametrize(

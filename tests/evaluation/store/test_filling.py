@@ -2,12 +2,17 @@
 
 import os
 
+import numpy as np
 import pytest
 
+from sins_env.evaluation.bound import oracle
 from sins_env.evaluation.play.executors import InProcess
+from sins_env.evaluation.score import losses
 from sins_env.evaluation.store import filling
 from sins_env.evaluation.store.filling import Evaluation, fill
+from sins_env.evaluation.store.merging import merge
 from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.store.verify import verify
 
 PLUGIN = "evaluation.plugins:"
 
@@ -95,3 +100,36 @@ def test_a_foreign_solver_may_end_its_process(short, store, monkeypatch):
     foreign, own = (set(store.results(one.key).records.status) for one in both)
     assert foreign == {"raised"}
     assert own <= {"ok", "diverged"}
+
+
+# ---- the oracle ----
+
+
+def test_the_oracle_plays_what_it_lacks_and_boards_take_its_luck_out(short, store, tmp_path):
+    """From 20 runs on; it is no solver of the file, but it is merged and verified."""
+    (few,), (many,), (more,) = (wanted(short, "Told", runs=runs) for runs in (19, 20, 22))
+    fill(store, [few], workers=1)
+    assert store.keys(oracles=True) == [few.key]
+    assert store.results(few.key).oracle is None
+    for one in (many, more):
+        fill(store, [one], workers=1)
+        assert store.keys() == [few.key]
+        (key,) = store.keys(solvers=[oracle.SOLVER], oracles=True)
+        assert store.runs_of(key) == set(one.runs)
+    found, expected = store.results(more.key), oracle.compute(short, 22)
+    luck = expected.steady[:, 2]
+    np.testing.assert_allclose(found.entry.oracle, luck, rtol=1e-9)
+    value, interval = losses.over_bound(losses.capped(found.entry.error, found.measure.cap), luck, found.measure.bound)
+    assert (found.verdict.x_bound, *found.verdict.x_bound_ci) == pytest.approx((value, *interval), rel=1e-9)
+    assert found.verdict.adjusted
+    part = store.results(more.key, range(10, 20), whole=False)
+    np.testing.assert_allclose(part.entry.oracle, luck[10:20], rtol=1e-9)
+    assert store.results(more.key).oracle.history.shape[1] == len(expected.records.criteria.history_t)
+    merge([store.path], tmp_path / "merged.sqlite")
+    store.connection.execute(
+        f"UPDATE runs SET steady_rms_u = 2 * steady_rms_u WHERE run = 21 AND solver = '{oracle.SOLVER}'"
+    )
+    (line,) = verify(store, [key], 22).differences
+    assert line.startswith("the oracle of short-v0, run 21: steady_rms_u")
+    with Store(tmp_path / "merged.sqlite", read_only=True) as db:
+        assert verify(db, db.keys(solvers=[oracle.SOLVER], oracles=True), 22).differences == ()
