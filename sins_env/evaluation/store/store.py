@@ -205,8 +205,8 @@ class Store(Database):
     ) -> list[Key]:
         """Return the keys of these tasks and solvers (all by default) in the order of evaluation.
 
-        A solver has only the key of its latest code, unless ``every_code`` asks for all. The runs of the oracle, which is no solver,
-        have none without ``oracles``.
+        A solver has only the key of its latest code, unless ``every_code`` asks for all. The oracle, which is no solver, has one
+        only with ``oracles``.
         """
         sql = f"""WITH groups AS (SELECT max(id) AS last FROM runs GROUP BY {", ".join(KEY[:-1])})
             SELECT task, suite, solver, settings, code FROM groups JOIN runs ON id = last ORDER BY last"""
