@@ -67,6 +67,21 @@ class NoiseLaw(NamedTuple):
 MISSING = 1e15  #: least variance in R that marks a component of a fix as missing
 
 
+class Chart(NamedTuple):
+    """Tangent vectors about any point of a manifold, for states or fixes that are no vectors.
+
+    A point has p numbers, such as the four of a unit quaternion, and a tangent vector has n, one for each degree of freedom.
+    ``minus(plus(x, d), x)`` is d. Both act on the last axis and broadcast the axes in front.
+    """
+
+    plus: Callable[
+        [Array, Array], Array
+    ]  #: (..., p), (..., n) -> (..., p): plus(x, d) is the point that d leads to from x
+    minus: Callable[
+        [Array, Array], Array
+    ]  #: (..., p), (..., p) -> (..., n): minus(y, x) is the d that leads from x to y
+
+
 class Measurement(NamedTuple):
     """A fix and its model, z = h(x) + v with v ~ N(0, R), equation 000 (3.2.1).
 
@@ -80,6 +95,8 @@ class Measurement(NamedTuple):
     law: NoiseLaw | None = None  #: distribution of v; None: Gaussian
     present: Mask | None = None  #: (..., m), or (m,): whether a component is there; None: where z is not NaN
     turns: Mask | None = None  #: (m,), whether a component is an angle in rad, whose innovation is within half a turn
+    #: for a fix that is a point: z and h(x) are points (..., p), R and the innovation belong to the tangent at z; None: a vector
+    chart: Chart | None = None
 
 
 class Moments(NamedTuple):

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from sins_env.arrays import Array, Mask
 from sins_env.kernels import helper, kernel
-from solvers.types import MISSING, Function, Linear, Measurement, Transition
+from solvers.types import MISSING, Chart, Function, Linear, Measurement, Transition
 
 TURN = 2.0 * math.pi  #: rad, a full turn
 BEYOND = 1e-6  #: excess of a covariance over what its variances allow, relative, from which it is refused
@@ -34,12 +36,14 @@ def checked_transition(tr: Transition, batch: Shape, n: int) -> Transition:
     """Return the transition of ``n`` states with Q as an array and a function that is checked at each call.
 
     Raises:
-        ValueError: a shape that does not fit, or a Q that is no covariance.
+        ValueError: a shape that does not fit, a Q that is no covariance, or a negative dt.
     """
     f, Q, G, dt = tr
     if Q is not _Sound.Q or Q.shape != (n, n):
         Q = covariance("Q", Q, batch, n)
         _Sound.Q = Q if Q.ndim == 2 else None
+    if dt is not None and not dt >= 0.0:
+        raise ValueError(f"dt = {dt!r}: needed the seconds of the epoch, >= 0, or None")
     if G is not None and (np.ndim(G) != 2 or np.shape(G)[0] != n):
         raise ValueError(f"G of shape {np.shape(G)}: needed ({n}, p), a column for each of the p driven directions")
     g = _linear("f", f, batch, n, n) if type(f) is Linear else Checked("f", f, n)
@@ -52,11 +56,13 @@ def checked_measurement(me: Measurement, batch: Shape, n: int) -> Measurement:
     A component is missing if ``present`` says so, if its z is NaN, or if its variance in R is ``MISSING`` or more.
 
     Raises:
-        ValueError: a shape that does not fit, or an R that is no covariance.
+        ValueError: a shape that does not fit, an R that is no covariance, or a law that is none.
     """
-    z, h, R, law, told, turns = me
+    z, h, R, law, told, turns, chart = me
+    if chart is not None:
+        z, h = _in_tangent(z, h, chart, batch, n)
     if type(z) is not np.ndarray or not z.ndim or z.dtype != np.float64:
-        z = np.atleast_1d(np.asarray(z, dtype=float))
+        z = np.atleast_1d(_array("z", z))
     if type(h) is Linear:
         h = _linear("h", h, batch, None, n)
         m = h.matrix.shape[-2]
@@ -65,6 +71,8 @@ def checked_measurement(me: Measurement, batch: Shape, n: int) -> Measurement:
         h = Checked("h", h, m)
     if z.shape != (*batch, m):
         z = _vector("z", z, batch, m)
+    if law is not None and not (0.0 <= law.share <= 1.0 and law.factor > 0.0 and law.dof >= 0.0):
+        raise ValueError(f"law = {law!r}: needed a share from 0 to 1, a factor > 0 and a dof >= 0")
     if told is not None:
         z = np.where(_vector("present", told, batch, m, bool), z, np.nan)
     if turns is not None:
@@ -122,6 +130,18 @@ def _found(z: Array, R: Array, out: Any) -> None:
             out[i] = MISSES
 
 
+def _array(name: str, given: Any, dtype: type = float) -> Any:
+    """Return numbers as an array; those that a mask hides are NaN.
+
+    Raises:
+        ValueError: complex numbers.
+    """
+    a: Any = np.ma.filled(given.astype(float), np.nan) if isinstance(given, np.ma.MaskedArray) else np.asarray(given)
+    if a.dtype.kind == "c":
+        raise ValueError(f"{name} is complex: needed real numbers")
+    return np.asarray(a, dtype=dtype)
+
+
 def square(name: str, given: Any, batch: Shape, n: int) -> Array:
     """Return a matrix (n, n) for all runs, or (*batch, n, n), as an array; for n = 1 a single number is one.
 
@@ -130,7 +150,7 @@ def square(name: str, given: Any, batch: Shape, n: int) -> Array:
     """
     if type(given) is np.ndarray and given.shape == (n, n) and given.dtype == np.float64:
         return given
-    a = np.asarray(given, dtype=float)
+    a = _array(name, given)
     if n == 1 and a.size == 1 and a.ndim < 2:
         a = a.reshape(1, 1)
     if a.shape not in ((n, n), (*batch, n, n)):
@@ -158,7 +178,7 @@ def covariance(name: str, given: Any, batch: Shape, n: int) -> Array:
 
 
 def _vector(name: str, given: Any, batch: Shape, m: int, dtype: type = float) -> Any:
-    a: Any = np.asarray(given, dtype=dtype)
+    a = _array(name, given, dtype)
     if a.shape not in ((m,), (*batch, m)):
         raise ValueError(f"{name} of shape {np.shape(given)}: needed {_either((m,), batch)}")
     return np.broadcast_to(a, (*batch, m))
@@ -177,7 +197,7 @@ def _linear(name: str, g: Linear, batch: Shape, m: int | None, n: int) -> Linear
     """Return a linear map (..., n) -> (..., m) with a matrix and an offset that fit; m = None: any m."""
     M, c = g
     if type(M) is not np.ndarray:
-        M = np.asarray(M, dtype=float)
+        M = _array(f"matrix of {name}", M)
     rows = M.shape[-2] if m is None and M.ndim > 1 else m
     if M.shape != (rows, n) and M.shape != (*batch, rows, n):
         raise ValueError(f"matrix of {name} of shape {M.shape}: needed {_either((m or 'm', n), batch)}")
@@ -186,6 +206,25 @@ def _linear(name: str, g: Linear, batch: Shape, m: int | None, n: int) -> Linear
     ):
         c = _vector(f"offset of {name}", c, batch, M.shape[-2])
     return g if M is g.matrix and c is g.offset else Linear(M, c)
+
+
+#: What ``Checked._refuse_one_run`` has compared, by code and shape; how far aside of x it looks, and how much is another result.
+_COMPARED: set[Any] = set()
+GOLDEN, ASIDE, DIFFERS = 0.6180339887498949, 0.05, 1e-5
+
+
+def _code(g: Any) -> Any:
+    """Return what a function shares with those that the same lines of code make anew at each step."""
+    while isinstance(g, partial):
+        g = g.func
+    code = getattr(g, "__code__", None)
+    if code is None:
+        return type(g)
+    held = []
+    for cell in g.__closure__ or ():
+        with suppress(ValueError):  # a cell that is still empty
+            held.append(getattr(cell.cell_contents, "__code__", None))
+    return code, *held
 
 
 class Checked:
@@ -203,6 +242,8 @@ class Checked:
         self.value_and_jacobian: Any = getattr(g, "value_and_jacobian", None)
 
     def __call__(self, x: Array) -> Array:
+        if x.ndim > 1 and x.shape[-1] in x.shape[:-1]:
+            self._refuse_one_run(x)
         seen = x.view()
         seen.setflags(write=False)
         try:
@@ -227,6 +268,82 @@ class Checked:
             f"{self._name} of x {x.shape} has the shape {y.shape}: needed {needed}. A function acts on the last axis, x[..., i],"
             " for all points and runs at once, and its result has a last axis too"
         )
+
+    def _refuse_one_run(self, x: Array) -> None:
+        """Refuse a function of one run, x[i] for x[..., i], whose result has the right shape because there are n runs or points.
+
+        Functions are compared once for each code and shape, which takes three more calls.
+        """
+        seen = _code(self._g), x.shape
+        if seen in _COMPARED:
+            return
+        if self._alone_differs(x):
+            raise ValueError(
+                f"{self._name} of x {x.shape} gives the first row another result than alone, as a function of one run does."
+                " A function acts on the last axis, x[..., i], for all points and runs at once"
+            )
+        _COMPARED.add(seen)
+
+    def _alone_differs(self, x: Array) -> bool:
+        """Return whether the first row alone has another result, at states near x without symmetry.
+
+        It is False for a function that one row does not fit, such as one bound to its batch, or that varies from call to call.
+        """
+        first = (0,) * (x.ndim - 1)
+        aside = np.modf(GOLDEN * np.arange(1.0, x.size + 1.0))[0].reshape(x.shape)
+        near = x + ASIDE * (1.0 + np.abs(x)) * (1.0 + aside)
+        try:
+            together, again, alone = (np.array(self._g(a.copy()), dtype=float) for a in (near, near, near[first]))
+        except Exception:  # whatever a function raises that takes no single row
+            return False
+        if together.shape != (*x.shape[:-1], self._size) or alone.shape != (self._size,) or (together != again).any():
+            return False
+        size = max(np.abs(together[first]).max(initial=0.0), np.abs(alone).max(initial=0.0))
+        return bool(np.abs(together[first] - alone).max(initial=0.0) > DIFFERS * size)
+
+
+def checked_function(name: str, g: Function, batch: Shape, m: int, n: int) -> Function:
+    """Return a function (..., n) -> (..., m) that takes runs and points, and whose results are checked.
+
+    Raises:
+        ValueError: a shape that does not fit, here or at a call.
+    """
+    return _AtPoints(_linear(name, g, batch, m, n), len(batch)) if isinstance(g, Linear) else Checked(name, g, m)
+
+
+def _in_tangent(z: Any, h: Function, chart: Chart, batch: Shape, n: int) -> tuple[Array, Function]:
+    """Return a fix that is a point as the origin of the tangent there, and what shows a state in it.
+
+    A component that is NaN there is missing.
+    """
+    z = np.atleast_1d(_array("z", z))
+    z = _vector("z", z, batch, z.shape[-1])
+    return 0.0 * chart.minus(z, z), _InTangent(checked_function("h", h, batch, z.shape[-1], n), z, chart)
+
+
+class _InTangent:
+    """A function whose values, points (..., p), are shown in the tangent at the point z (..., p)."""
+
+    def __init__(self, h: Function, z: Array, chart: Chart) -> None:
+        self._h, self._z, self._chart = h, z, chart
+
+    def __call__(self, x: Array) -> Array:
+        y = self._h(x)
+        return self._chart.minus(y, self._z if y.ndim == self._z.ndim else self._z[..., None, :])
+
+
+class _AtPoints:
+    """A checked linear function as one of runs (*batch, n) and of points (*batch, points, n)."""
+
+    def __init__(self, g: Linear, axes: int) -> None:
+        self._g, self._axes = g, axes  #: number of batch axes
+
+    def __call__(self, x: Array) -> Array:
+        M, c = self._g
+        if x.ndim == self._axes + 1:
+            return self._g(x)
+        y = x @ M.mT
+        return y if c is None else y + (c if c.ndim == 1 else c[..., None, :])
 
 
 class _Picked:
@@ -272,22 +389,15 @@ class Unwound:
     def __init__(self, g: Function, z: Array, turns: Mask) -> None:
         self.g, self.z, self.turns = g, z, turns
         if isinstance(g, Linear):
+            self._values: Function = _AtPoints(g, z.ndim - 1)
             self.jacobian: Any = lambda x: g.matrix
         else:
-            self.jacobian = getattr(g, "jacobian", None)
+            self._values, self.jacobian = g, getattr(g, "jacobian", None)
 
     def __call__(self, x: Array) -> Array:
+        y = self._values(x)
         if x.ndim == self.z.ndim:  # runs, not points
-            return self.z - wrapped(self.z - self.g(x), self.turns)
-        if isinstance(self.g, Linear):
-            y = x @ self.g.matrix.mT
-            y = (
-                y
-                if self.g.offset is None
-                else y + (self.g.offset if self.g.offset.ndim == 1 else self.g.offset[..., None, :])
-            )
-        else:
-            y = self.g(x)
+            return self.z - wrapped(self.z - y, self.turns)
         z, first = self.z[..., None, :], y[..., :1, :]
         return z - wrapped(z - first, self.turns) + wrapped(y - first, self.turns)
 

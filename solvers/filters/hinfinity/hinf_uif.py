@@ -10,8 +10,8 @@ Departures:
 - R is increased by the spread of h about its slope, P_yy - Hs P- Hs', which (4.3.32-33) leave out. Without it the filter is
   not hinf_ukf for a nonlinear h (docs/mathematics/errata.md no. 46).
 - The information vector is taken about x-. A state known exactly, whose information is infinite, then keeps its value.
-- With a diffuse prior, or an exact fix, rounding of the information reaches the noise of the fix. The correction is then that
-  of hinf_ukf, and is counted as a fallback.
+- With a diffuse prior, an exact fix or two readings of one sensor, rounding of the information reaches the noise of the fix. The
+  correction is then that of hinf_ukf, and is counted as a fallback.
 - L, gamma and its raising are those of hinf.py.
 """
 
@@ -25,7 +25,7 @@ import numpy as np
 from sins_env.arrays import Array, Mask
 from solvers.blocks.conditioning import inverse
 from solvers.blocks.moments import moments
-from solvers.blocks.square_root import symmetrize
+from solvers.blocks.square_root import factor, symmetrize
 from solvers.filters.base import count, fall_back
 from solvers.filters.hinfinity.hinf import HinfBelief, UnscentedHinf
 from solvers.filters.relations import Relation
@@ -71,8 +71,10 @@ class HinfUIF(UnscentedHinf[HinfBelief]):
 
 
 def _lost(P: Array, Y: Array, S: Array, R: Array) -> Mask:
-    """Return a mask (...) of the runs in which rounding of Y = P^-1 reaches the noise R about the slope."""
-    seen = np.where(np.diagonal(S, axis1=-2, axis2=-1) > 0.0, np.diagonal(R, axis1=-2, axis2=-1), 1.0)
+    """Return a mask (...) of the runs in which rounding of Y = P^-1 reaches the noise R about the slope, or R is singular."""
+    L, singular = factor(R)
+    noise = np.where(singular[..., None], 0.0, np.square(np.diagonal(L, axis1=-2, axis2=-1)))
+    seen = np.where(np.diagonal(S, axis1=-2, axis2=-1) > 0.0, noise, 1.0)
     inflated = (np.diagonal(P, axis1=-2, axis2=-1) * np.diagonal(Y, axis1=-2, axis2=-1)).max(axis=-1)
     return np.asarray(inflated * (np.diagonal(S, axis1=-2, axis2=-1) / seen).max(axis=-1) > MOST)
 

@@ -2,8 +2,11 @@
 
 Source: R. Labbe, filterpy 2.0.0, classes KalmanFilter, ExtendedKalmanFilter, UnscentedKalmanFilter.
 One run at a time: batch shape (), ``batched`` False. A filterpy object is made for each step and given the belief, so it
-keeps nothing between steps. Its cubature filter is not offered, because its update leaves out Q. If filterpy cannot factor
-a covariance, the step is tried once more with P repaired and R a little wider, and counted as a repair.
+keeps nothing between steps. Its cubature filter is not offered, because its update leaves out Q.
+
+What filterpy inverts or factors must be regular. A component of a fix that follows from those before it, by a singular S, is
+therefore left out, as if it were missing. A covariance that filterpy cannot factor gets our root. Both count as repairs. After a
+fix no variance is smaller than rounding lets see (``above_rounding``), as in our own filters.
 """
 
 from __future__ import annotations
@@ -19,10 +22,11 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy.linalg
 
-from sins_env.arrays import Array
+from sins_env.arrays import Array, Mask
+from solvers.blocks.conditioning import above_rounding
 from solvers.blocks.moments import standard_deviations, tangent
 from solvers.blocks.sigma_rules import Unscented
-from solvers.blocks.square_root import cholesky
+from solvers.blocks.square_root import cholesky, factor
 from solvers.filters.base import count, filled, settle
 from solvers.filters.brief import Brief
 from solvers.filters.gaussian import Belief, GaussianFilter, initial_belief
@@ -31,7 +35,7 @@ from solvers.filters.relations import Relation
 from solvers.registry import register
 from solvers.types import Function, Gaussian, Innovation, Measurement, Transition
 
-WIDEN = 1e-10  #: relative increase of the variances of a fix with a singular S
+REGULAR = 1e-12  #: least variance of a component of a fix given those before it, relative to its own
 
 
 @cache
@@ -42,21 +46,43 @@ def _filterpy() -> ModuleType:
     return filterpy.kalman
 
 
-def _root(P: Array) -> Array:
-    """Return filterpy's default root, but without its ValueError for values that are not finite."""
-    S: Array = scipy.linalg.cholesky(P, check_finite=False)
-    return S
+class _Root:
+    """filterpy's default root, an upper one, and ours of a covariance that has none; it remembers whether that was needed."""
+
+    def __init__(self) -> None:
+        self.repaired = False
+
+    def __call__(self, P: Array) -> Array:
+        try:
+            S: Array = scipy.linalg.cholesky(P, check_finite=False)
+        except np.linalg.LinAlgError:
+            self.repaired = True
+            S = cholesky(P)[0].T
+        return S
+
+
+def _follows(S: Array) -> int | None:
+    """Return the first component that follows from those before it, by an S (m, m) that is finite; None: each tells something."""
+    if not np.isfinite(S).all():
+        return None
+    pivots = np.square(np.diagonal(factor(S)[0]))
+    following = np.flatnonzero(~(pivots > REGULAR * np.diagonal(S)))
+    return int(following[0]) if following.size else None
 
 
 @dataclass(frozen=True)
 class FilterpyFilter(Brief, ABC):
-    """Base of the adapters: a subclass makes a filterpy object and lets it predict and update."""
+    """Base of the adapters: a subclass makes a filterpy object that has predicted, and lets it update."""
 
     batched: ClassVar[bool] = False
 
     @abstractmethod
-    def run(self, b: Belief, tr: Transition, me: Measurement | None) -> Any:
-        """Return the filterpy object after one step from ``b``."""
+    def predicted(self, b: Belief, tr: Transition, m: int, root: _Root) -> Any:
+        """Return a filterpy object for fixes of ``m`` components after the prediction from ``b``."""
+
+    @abstractmethod
+    def update(self, o: Any, me: Measurement) -> None:
+        """Let the object correct its state by a fix."""
 
     def init(self, prior: Gaussian, rng: Any = None) -> Belief:
         """Make the belief of one run at the start; ``rng`` is not used.
@@ -78,42 +104,43 @@ class FilterpyFilter(Brief, ABC):
         Raises:
             ValueError: shapes that do not fit, or a Q or R that is no covariance.
         """
-        with np.errstate(invalid="ignore", over="ignore"):
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             n = b.mean.shape[-1]
             tr = checked_transition(tr, (), n)
-            if me is None:
-                return self._stepped(b, tr, None)
-            me = checked_measurement(me, (), n)
-        rows = me.present
-        if rows is None:
-            return self._stepped(b, tr, unwound(me, None))
-        after, seen = self._stepped(b, tr, unwound(picked(me, rows), None) if rows.any() else None)
-        blank = Innovation(np.full(rows.shape, np.nan), np.full((*rows.shape, rows.size), np.nan))
-        return after, blank if seen is None else filled(blank, np.ones((), dtype=bool), rows, seen)
-
-    def _stepped(self, b: Belief, tr: Transition, me: Measurement | None) -> tuple[Belief, Innovation | None]:
-        """Do what ``step`` does, for a transition and a measurement that are checked and complete."""
-        lost = Gaussian(np.full_like(b.mean, np.nan), b.cov), None
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            repaired, (x, innovation) = None, lost
-            try:
-                x, innovation = self._run(b, tr, me)
-            except np.linalg.LinAlgError:
-                root, _ = cholesky(b.cov)
-                widened = me and me._replace(R=me.R + WIDEN * np.diag(np.diagonal(me.R)))
-                with suppress(np.linalg.LinAlgError):
-                    x, innovation = self._run(b._replace(cov=root @ root.T), tr, widened)
-                    repaired = np.ones((), dtype=bool)
-        after = settle(b, count(b._replace(mean=x.mean, cov=x.cov), repaired))
-        if me is not None and after.health.frozen:
-            m = me.z.shape[-1]
-            innovation = Innovation(np.full(m, np.nan), np.full((m, m), np.nan))
+            me = None if me is None else checked_measurement(me, (), n)
+            if me is None or me.present is None:
+                x, innovation, repaired = self._run(b, tr, me if me is None else unwound(me, None))
+            else:
+                x, innovation, repaired = self._run_without(b, tr, me, me.present)
+            after = settle(b, count(b._replace(mean=x.mean, cov=x.cov), np.asarray(True) if repaired else None))
+        if innovation is not None and after.health.frozen:
+            innovation = Innovation(np.full_like(innovation.residual, np.nan), np.full_like(innovation.cov, np.nan))
         return after, innovation
 
-    def _run(self, b: Belief, tr: Transition, me: Measurement | None) -> tuple[Gaussian, Innovation | None]:
-        o = self.run(b, tr, me)
+    def _run(self, b: Belief, tr: Transition, me: Measurement | None) -> tuple[Gaussian, Innovation | None, bool]:
+        """Return the estimate after a step with a complete fix, its innovation, and whether anything was repaired."""
+        root = _Root()
+        o = self.predicted(b, tr, 1 if me is None else me.z.size, root)
         x = Gaussian(np.array(o.x), np.array(o.P))
-        return x, None if me is None else Innovation(np.array(o.y), np.array(o.S))
+        if me is None:
+            return x, None, root.repaired
+        done = False
+        with suppress(np.linalg.LinAlgError):  # by a singular S, which is set before its inverse is sought
+            self.update(o, me)
+            done = True
+        at = _follows(o.S)
+        if at is not None:
+            x, innovation, _ = self._run_without(b, tr, me, np.arange(me.z.size) != at)
+            return x, innovation, True
+        mean = np.array(o.x) if done else np.full(x.mean.shape, np.nan)
+        after = Gaussian(mean, above_rounding(np.array(o.P), x.cov))
+        return after, Innovation(np.array(o.y), np.array(o.S)), root.repaired
+
+    def _run_without(self, b: Belief, tr: Transition, me: Measurement, rows: Mask) -> tuple[Gaussian, Innovation, bool]:
+        """Do what ``_run`` does, with the components in the mask (m,) alone."""
+        x, seen, repaired = self._run(b, tr, unwound(picked(me, rows), None) if rows.any() else None)
+        blank = Innovation(np.full(rows.shape, np.nan), np.full((*rows.shape, rows.size), np.nan))
+        return x, blank if seen is None else filled(blank, np.ones((), dtype=bool), rows, seen), repaired
 
     def estimate(self, b: Belief) -> Gaussian:
         return Gaussian(b.mean, b.cov)
@@ -132,18 +159,18 @@ class FilterpyKF(FilterpyFilter):
 
     feedback: ClassVar[str] = "closed"  #: feedback into the INS, unless a setting says otherwise
 
-    def run(self, b: Belief, tr: Transition, me: Measurement | None) -> Any:
-        n, m = b.mean.size, 1 if me is None else me.z.size
+    def predicted(self, b: Belief, tr: Transition, m: int, root: _Root) -> Any:
+        n = b.mean.size
         o = _filterpy().KalmanFilter(dim_x=n, dim_z=m)
         o.x, o.P = b.mean, b.cov
-        origin = np.zeros(n)
-        start, F = tangent(tr.f, origin, standard_deviations(o.P))
+        start, F = tangent(tr.f, np.zeros(n), standard_deviations(o.P))
         o.predict(u=start, B=np.eye(n), F=F, Q=tr.Q)
-        if me is not None:
-            constant, o.H = tangent(me.h, origin, standard_deviations(o.P))
-            predicted = o.H @ o.x
-            o.update(predicted + wrapped(me.z - constant - predicted, me.turns), R=me.R)
         return o
+
+    def update(self, o: Any, me: Measurement) -> None:
+        constant, o.H = tangent(me.h, np.zeros(o.x.size), standard_deviations(o.P))
+        predicted = o.H @ o.x
+        o.update(predicted + wrapped(me.z - constant - predicted, me.turns), R=me.R)
 
 
 @register("filterpy_ekf")
@@ -151,17 +178,19 @@ class FilterpyKF(FilterpyFilter):
 class FilterpyEKF(FilterpyFilter):
     """filterpy's ExtendedKalmanFilter with the tangents at the mean, as our ``ekf``."""
 
-    def run(self, b: Belief, tr: Transition, me: Measurement | None) -> Any:
-        n, m = b.mean.size, 1 if me is None else me.z.size
-        o = _filterpy().ExtendedKalmanFilter(dim_x=n, dim_z=m)
+    def predicted(self, b: Belief, tr: Transition, m: int, root: _Root) -> Any:
+        o = _filterpy().ExtendedKalmanFilter(dim_x=b.mean.size, dim_z=m)
         o.x, o.P, o.Q = b.mean, b.cov, tr.Q
         predicted, o.F = tangent(tr.f, b.mean, standard_deviations(b.cov))
         o.predict_x = lambda u=0: setattr(o, "x", predicted)  # filterpy's manual asks to override this method
         o.predict()
-        if me is not None:
-            scale = standard_deviations(o.P)
-            o.update(me.z, HJacobian=lambda x: tangent(me.h, x, scale)[1], Hx=me.h, R=me.R)
         return o
+
+    def update(self, o: Any, me: Measurement) -> None:
+        _, H = tangent(me.h, o.x, standard_deviations(o.P))
+        o.S = H @ o.P @ H.T + me.R
+        if _follows(o.S) is None:  # otherwise scipy would invert it nevertheless, with a warning
+            o.update(me.z, HJacobian=lambda x: H, Hx=me.h, R=me.R)
 
 
 @register("filterpy_ukf")
@@ -176,17 +205,16 @@ class FilterpyUKF(FilterpyFilter):
     def __post_init__(self) -> None:
         Unscented(self.alpha, self.beta, self.kappa)  # the same settings, checked in one place
 
-    def run(self, b: Belief, tr: Transition, me: Measurement | None) -> Any:
-        n, m = b.mean.size, 1 if me is None else me.z.size
-        kalman = _filterpy()
-        points = kalman.MerweScaledSigmaPoints(n, self.alpha, self.beta, self.kappa, sqrt_method=_root)
-        h = None if me is None else me.h
-        o = kalman.UnscentedKalmanFilter(n, m, dt=tr.dt, hx=h, fx=lambda x, dt: tr.f(x), points=points)
+    def predicted(self, b: Belief, tr: Transition, m: int, root: _Root) -> Any:
+        n, kalman = b.mean.size, _filterpy()
+        points = kalman.MerweScaledSigmaPoints(n, self.alpha, self.beta, self.kappa, sqrt_method=root)
+        o = kalman.UnscentedKalmanFilter(n, m, dt=tr.dt, hx=None, fx=lambda x, dt: tr.f(x), points=points)
         o.x, o.P, o.Q = b.mean, b.cov, tr.Q
         o.predict()
-        if me is not None:
-            o.update(me.z, R=me.R)
         return o
+
+    def update(self, o: Any, me: Measurement) -> None:
+        o.update(me.z, R=me.R, hx=me.h)
 
 
 _SPREAD = {"alpha": 0.7, "beta": 2.0, "kappa": 1.0}

@@ -81,6 +81,58 @@ def test_what_does_not_fit_is_refused(name):
             after(name, batch=(2,), **given)
 
 
+def of_one_run(x):
+    return np.array([x[0] + 0.3 * x[1] + 0.1, np.sin(x[1])])
+
+
+@pytest.mark.parametrize("name", [n for n in names() if is_batched(n)])
+def test_a_function_of_one_run_is_refused_with_n_runs_too(name):
+    """Two runs of two states: the shape fits, and the result is that of the transposed states."""
+    fits = r"of x \(2(, \d+)*, 2\) gives the first row another result than alone"
+    both = {"z": np.ones(2), "R": I2}
+    for given in ({"f": of_one_run}, {"h": of_one_run, **both}):
+        with pytest.raises(ValueError, match=fits):
+            after(name, batch=(2,), **given)
+
+
+class OfOneRun:
+    """A matrix in front of the states, for filters that ask for no points."""
+
+    def __call__(self, x):
+        return F @ x
+
+    def jacobian(self, x):
+        return F
+
+
+def test_a_matrix_in_front_is_of_one_run():
+    for name in ("ekf", "kf", "iekf"):
+        with pytest.raises(ValueError, match="as a function of one run does"):
+            after(name, f=OfOneRun(), batch=(2,))
+        assert np.isfinite(after("ekf", f=OfOneRun()).mean).all()
+
+
+def test_other_functions_pass_with_n_runs():
+    """Bound to the batch, of runs alone, random; a right one is called three times more, once, and gets its own arrays."""
+    M, calls, rng = np.stack([F, 2.0 * F]), [], np.random.default_rng(0)
+
+    def right(x):
+        calls.append(x.shape)
+        x[..., 0] += x[..., 1]
+        return x
+
+    def bound(x):
+        return (M @ x[..., None])[..., 0] if x.ndim == 2 else x @ M.mT
+
+    for f in (bound, lambda x: x + rng.standard_normal(x.shape), lambda x: [*np.atleast_2d(x @ F.T)]):
+        assert np.isfinite(after("ekf", f=f, batch=(2,)).mean).all()
+    for _ in range(2):
+        assert np.isfinite(after("ckf", f=right, batch=(2,)).mean).all()
+    assert calls.count((2, 4, 2)) == 2 * 2 + 2  # an array that cannot be written to, then a copy
+    assert calls.count((2,)) == 1
+    np.testing.assert_array_equal(after("ckf", f=right, batch=(2,)).mean[0], after("ckf", f=right).mean)
+
+
 @pytest.mark.parametrize("name", names())
 def test_what_fits_in_one_way_is_converted(name):
     right = after(name)

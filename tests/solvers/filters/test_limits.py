@@ -33,7 +33,7 @@ def kalman(R, P0=1.0):
     return x, P
 
 
-@pytest.mark.parametrize("name", [n for n in names() if n not in ("mpf", "mpf_ekf", "filterpy_ukf")])
+@pytest.mark.parametrize("name", [n for n in names() if n not in ("mpf", "mpf_ekf")])
 @pytest.mark.parametrize("variance", [0.0, 1e-30])
 def test_an_exact_fix_is_followed(name, variance):
     x, health = track(name, settings_of(name), np.array([[variance]]))
@@ -43,7 +43,7 @@ def test_an_exact_fix_is_followed(name, variance):
     assert x.cov[0, 0] < 1e-6
 
 
-@pytest.mark.parametrize("name", [n for n in LIKE_KALMAN if not n.startswith(("filterpy", "hinf_uif"))])
+@pytest.mark.parametrize("name", LIKE_KALMAN)
 def test_two_readings_of_one_sensor_count_once(name):
     right, P = kalman(R)
     x, _ = track(name, LIKE_KALMAN[name], 0.04 * np.ones((2, 2)), np.vstack([H, H]))
@@ -63,11 +63,10 @@ def test_diffuse_priors(name):
     x, _ = track(name, LIKE_KALMAN[name], R, P0=1e8)
     np.testing.assert_allclose(x.mean, right, atol=1e-5)
     np.testing.assert_allclose(x.cov, P, atol=1e-5)
-    if name != "filterpy_ukf":
-        x, health = track(name, LIKE_KALMAN[name], R, P0=1e16)
-        assert health.failed_at == -1
-        assert (np.abs(x.mean - right) < np.sqrt(np.diagonal(P))).all()
-        assert (np.diagonal(x.cov) > 0.7 * np.diagonal(P)).all()
+    x, health = track(name, LIKE_KALMAN[name], R, P0=1e16)
+    assert health.failed_at == -1
+    assert (np.abs(x.mean - right) < np.sqrt(np.diagonal(P))).all()
+    assert (np.diagonal(x.cov) > 0.7 * np.diagonal(P)).all()
 
 
 @pytest.mark.parametrize(
