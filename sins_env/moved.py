@@ -111,6 +111,7 @@ MOVED = {
     "sins_env.recordings.units": "sins_env.recordings.column_units",
     "sins_env.trajectory.base": "sins_env.motion",
     "sins_env.trajectory.profiles": "sins_env.worlds.profiles",
+    "sins_env.worlds.limits": "sins_env.sensors.limits",
     "solvers.blocks.angles": "solvers.filters.mixtures.angles",
     "solvers.blocks.hinfinity": "solvers.filters.hinfinity.inflation",
     "solvers.blocks.importance": "solvers.filters.particles.importance",

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from sins_env.units import DEG_PER_SQRT_H, UG
 __getattr__ = moved.forward(__name__, ("sins_env.units", "sins_env.prior"))
 
 Check = Callable[[str, Any], Any]  #: check of a field: takes its name and what was given, returns the value or raises
-S = TypeVar("S", "ImuSpec", "GpsSpec")
+S = TypeVar("S", bound="ImuSpec | GpsSpec | AidSpec")
 
 
 MOST = 1e9  #: largest error of any sensor, in the unit of its field
@@ -30,8 +30,12 @@ MOST_OUTAGES = 1000
 _INTERVAL = "(start, end) in s, 0 <= start < end"
 
 _not_negative = partial(checks.number, allowed=f"a finite number, not negative, at most {MOST:g}", least=0.0, most=MOST)
-_correlation_time = partial(
+correlation_time = partial(
     checks.number, allowed="a positive correlation time in seconds, 1e-6 to 1e12", least=1e-6, most=1e12
+)
+#: Check of a vector in body axes, m.
+lever_arm = partial(
+    checks.numbers, count=3, allowed="three finite numbers (R, F, U), -1e4 to 1e4", least=-1e4, most=1e4
 )
 
 
@@ -93,7 +97,7 @@ class ImuSpec:
     accel_lsb_mps: float = 0.0  #: weight of an accelerometer pulse; 0 does not quantise
 
     def __post_init__(self) -> None:
-        _check_fields(self, {"gyro_markov_s": _correlation_time, "accel_markov_s": _correlation_time})
+        _check_fields(self, {"gyro_markov_s": correlation_time, "accel_markov_s": correlation_time})
 
     @property
     def arw(self) -> float:
@@ -130,9 +134,7 @@ class GpsSpec:
             "vel_std_mps": _one_or_three,
             "pos_std_m": _one_or_three,
             "rate_hz": partial(checks.number, allowed="a positive number, 1e-6 to 1e4", least=1e-6, most=1e4),
-            "lever_arm_m": partial(
-                checks.numbers, count=3, allowed="three finite numbers (R, F, U), -1e4 to 1e4", least=-1e4, most=1e4
-            ),
+            "lever_arm_m": lever_arm,
             "outages_s": _intervals,
             "contamination": partial(checks.number, allowed="a number from 0 to 1", least=0.0, most=1.0),
             "heavy_tail_dof": _degrees_of_freedom,
@@ -154,6 +156,43 @@ class GpsSpec:
         """Return what estimators are told: the same without outages and jumps, which come as surprises."""
         vel = self.vel_std_mps if vel_std_mps is None else vel_std_mps
         return replace(self, outages_s=(), jump_mps=0.0, jump_s=0.0, vel_std_mps=vel)
+
+
+def _rate(name: str, given: Any) -> float | None:
+    allowed = "a positive number, 1e-6 to 1e4, or None for every epoch"
+    return None if given is None else checks.number(name, given, allowed, least=1e-6, most=1e4)
+
+
+@dataclass(frozen=True)
+class AidSpec:
+    """Errors of an aiding sensor, in the units of its datasheet. Each file of :mod:`sins_env.sensors` defines its own.
+
+    Raises:
+        ValueError: any value out of its range.
+    """
+
+    name: ClassVar[str]  #: name of the sensor: in the setting ``aids``, and of its reading in an observation
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}  #: fields of named devices
+    special: ClassVar[Mapping[str, Check]] = {}  #: checks of fields that are no numbers from 0 on
+
+    rate_hz: float | None = None  #: rate of the readings; None: one at the end of every epoch
+    outages_s: tuple[tuple[float, float], ...] = ()  #: intervals (start, end) without readings
+
+    def __post_init__(self) -> None:
+        _check_fields(self, {"rate_hz": _rate, "outages_s": _intervals, **self.special})
+
+    @classmethod
+    def of(cls, given: Any) -> Self:
+        """Make a specification from the name of a preset or a dict of fields; a specification is returned as it is.
+
+        Raises:
+            ValueError: an unknown preset or field (the nearest name is offered), or a value out of range.
+        """
+        return _resolve(given, cls, {name: cls(**values) for name, values in cls.presets.items()}, cls())
+
+    def told(self) -> Self:
+        """Return what estimators are told: the same without outages, which come as surprises."""
+        return replace(self, outages_s=())
 
 
 IMU_PRESETS: dict[str, ImuSpec] = {name: ImuSpec(**values) for name, values in presets.IMU.items()}
@@ -181,7 +220,7 @@ def gps_spec(given: str | Mapping[str, Any] | GpsSpec, base: GpsSpec | None = No
 
 
 def _resolve(given: Any, cls: type[S], named: Mapping[str, S], base: S) -> S:
-    kind = f"{cls.__name__[:3].upper()} preset"
+    kind = f"{getattr(cls, 'name', cls.__name__[:3].upper())} preset"
     if isinstance(given, cls):
         return given
     if isinstance(given, str):

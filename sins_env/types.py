@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sins_env.arrays import Array, Rngs
 from sins_env.prior import Prior
-from sins_env.specs import GpsSpec, ImuSpec
+from sins_env.specs import AidSpec, GpsSpec, ImuSpec
 
 Rng = np.random.Generator | Rngs
 
@@ -61,6 +61,9 @@ class Task:
     #: Whether the prior tells the attitude after the coarse phase. If not, its attitude is a default, which a coarse method that
     #: knows its own errors replaces.
     coarse_told: bool = True
+    #: Assumed errors of the aiding sensors, in the order of their names. An observation holds a field of the name of each, and
+    #: ``<name>_valid``.
+    aids: tuple[AidSpec, ...] = ()
 
     @property
     def num_epochs(self) -> int:
@@ -69,7 +72,10 @@ class Task:
 
 
 class Observation(TypedDict):
-    """One epoch: the IMU increments over (t_{k-1}, t_k] and the fix at t_k. A batch of runs has a leading run axis."""
+    """One epoch: the IMU increments over (t_{k-1}, t_k] and the fix at t_k. A batch of runs has a leading run axis.
+
+    The readings of the task's ``aids`` stand beside these fields, by their names.
+    """
 
     t: Array  #: (..., 1) s
     dtheta: Array  #: (..., n_sub, 3) rad

@@ -99,7 +99,7 @@ class EpisodeEnv(gymnasium.Env[Obs, Array]):
     def __init__(self, render_mode: str | None = None, *, reveal_truth: bool = False, **settings: Any) -> None:
         self.render_mode = _check_render_mode(render_mode)
         self.episode = Episode(self.make_world(settings), reveal_truth)
-        self.observation_space = observation_space(self.task.n_sub)  # type: ignore[assignment]  # spaces are invariant
+        self.observation_space = observation_space(self.task.n_sub, self.episode.world.fields)  # type: ignore[assignment]  # spaces are invariant
         self.action_space = action_space(self.task.navigate)  # type: ignore[assignment]
         self._renderer = Renderer(self.task) if render_mode else None
 
@@ -160,7 +160,7 @@ class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
         self.num_envs = checks.whole("num_envs", num_envs, "at least 1", least=1)
         self.render_mode = _check_render_mode(render_mode)
         self.episode = Episode(self.single.make_world(settings), reveal_truth)
-        self.single_observation_space = observation_space(self.task.n_sub)
+        self.single_observation_space = observation_space(self.task.n_sub, self.episode.world.fields)
         self.single_action_space = action_space(self.task.navigate)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)

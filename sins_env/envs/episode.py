@@ -16,8 +16,6 @@ from sins_env.envs.reward import failed_epochs, score_attitude, score_navigation
 from sins_env.types import NavState, Task
 from sins_env.worlds.world import World
 
-OBSERVED = ("dtheta", "dvel", "gps_vel", "gps_pos", "gps_valid")  #: fields of an epoch that an observation holds
-
 
 class Episode:
     """A batch of episodes of K steps. Observation k covers (t_{k-1}, t_k], and step k scores the action at t_k.
@@ -100,16 +98,12 @@ class Episode:
     def _observe(self) -> Obs:
         data = self.world.epoch(self.k)
         self._truth = data.truth
-        runs = len(data.gps_vel)
-        obs: Obs = {"t": np.full((runs, 1), self.k * self.task.epoch_s)}
-        for name in OBSERVED:
-            obs[name] = getattr(data, name).copy()
-        return obs
+        runs = len(data.truth.vel)
+        measured = {name: value.copy() for name, value in data.measured.items()}
+        return {"t": np.full((runs, 1), self.k * self.task.epoch_s), **measured}
 
     def _terminal(self) -> Obs:
         """Return the observation after t_K, which is empty: zero increments and no fix."""
         data = self.world.epoch(self.task.num_epochs)
-        obs: Obs = {"t": np.full((len(data.gps_vel), 1), self.task.num_epochs * self.task.epoch_s)}
-        for name in OBSERVED:
-            obs[name] = np.zeros_like(getattr(data, name))
-        return obs
+        nothing = {name: np.zeros_like(value) for name, value in data.measured.items()}
+        return {"t": np.full((len(data.truth.vel), 1), self.task.num_epochs * self.task.epoch_s), **nothing}

@@ -26,8 +26,8 @@ from sins_env.kernels.algebra import (
     to_dcm,
     vector,
 )
+from sins_env.sensors.limits import MAX_SPEED
 from sins_env.types import NavState
-from sins_env.worlds.limits import MAX_SPEED
 
 WORST_REWARD = -180.0
 WORST_NAVIGATION_REWARD = -1000.0

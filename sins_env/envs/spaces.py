@@ -5,14 +5,17 @@ See docs/tasks_and_scores.md#environment-contract.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from gymnasium import spaces
 
-from sins_env.worlds.limits import MAX_ANGLE, MAX_SPEED, MAX_TIME, POS_HIGH, POS_LOW
+from sins_env.sensors.gps import FIELDS
+from sins_env.sensors.limits import MAX_ANGLE, MAX_SPEED, MAX_TIME, POS_HIGH, POS_LOW, Field
 
 
-def observation_space(n_sub: int) -> spaces.Dict:
-    """Return the space of an observation: t, dtheta, dvel, gps_vel, gps_pos, gps_valid, with ``n_sub`` IMU samples."""
+def observation_space(n_sub: int, fields: Mapping[str, Field] = FIELDS) -> spaces.Dict:
+    """Return the space of an observation: t, dtheta and dvel, with ``n_sub`` IMU samples, and the ``fields`` of the sensors."""
 
     def box(limit: float, shape: tuple[int, ...]) -> spaces.Box:
         return spaces.Box(-limit, limit, shape, np.float64)
@@ -22,9 +25,7 @@ def observation_space(n_sub: int) -> spaces.Dict:
             "t": spaces.Box(0.0, MAX_TIME, (1,), np.float64),
             "dtheta": box(MAX_ANGLE, (n_sub, 3)),
             "dvel": box(MAX_SPEED, (n_sub, 3)),
-            "gps_vel": box(MAX_SPEED, (3,)),
-            "gps_pos": spaces.Box(POS_LOW, POS_HIGH, dtype=np.float64),
-            "gps_valid": spaces.Box(0, 1, (1,), np.int8),
+            **{name: spaces.Box(one.low, one.high, dtype=one.low.dtype.type) for name, one in fields.items()},
         }
     )
 

@@ -18,32 +18,43 @@ from sins_env.kernels import kernel
 from sins_env.kernels.algebra import add, put_vector, times, vector
 from sins_env.motion import Motion
 from sins_env.sensors.imu import standard_normal
-from sins_env.specs import GpsSpec
+from sins_env.sensors.limits import MAX_SPEED, POS_HIGH, POS_LOW, Field, clip
+from sins_env.specs import AidSpec, GpsSpec
 
 #: Velocity (runs, epochs, 3) in m/s, position (runs, epochs, 3), and 1 or 0 for a fix or none (runs, epochs, 1).
 Fixes = tuple[Array, Array, NDArray[np.int8]]
+
+#: The fields of an observation that have a fix.
+FIELDS = {
+    "gps_vel": Field.of(3, -MAX_SPEED, MAX_SPEED, "m/s, velocity fix East, North, Up at t; zeros without a fix"),
+    "gps_pos": Field.of(3, POS_LOW, POS_HIGH, "latitude rad, longitude rad, height m; zeros without a fix"),
+    "gps_valid": Field.mark("1 where there is a fix at t"),
+}
 
 #: Assumed noise of zero-velocity updates: the base stands still but for disturbances, at a surveyed place.
 ZERO_VELOCITY = GpsSpec(vel_std_mps=0.03, pos_std_m=1.0)
 
 
-def epochs_per_fix(spec: GpsSpec, epoch_s: float) -> int:
-    """Return the number of epochs of ``epoch_s`` s from one fix to the next.
+def epochs_per_fix(spec: GpsSpec | AidSpec, epoch_s: float) -> int:
+    """Return the number of epochs of ``epoch_s`` s from one fix, or reading of an aid, to the next.
 
     Raises:
         ValueError: fixes that do not fall on the ends of epochs.
     """
+    if spec.rate_hz is None:
+        return 1
     ratio = 1.0 / (spec.rate_hz * epoch_s)
     if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
         near = 1.0 / (max(round(ratio), 1) * epoch_s)
+        name = getattr(spec, "name", "GPS")
         raise ValueError(
-            f"GPS rate {spec.rate_hz:g} Hz with epochs of {epoch_s:g} s: fixes must fall on the ends of epochs; "
+            f"{name} rate {spec.rate_hz:g} Hz with epochs of {epoch_s:g} s: fixes must fall on the ends of epochs; "
             f"allowed: {1 / epoch_s:g} Hz divided by a whole number, for instance {near:g} Hz"
         )
     return round(ratio)
 
 
-def received(spec: GpsSpec, t: NDArray[np.floating[Any]]) -> Mask:
+def received(spec: GpsSpec | AidSpec, t: NDArray[np.floating[Any]]) -> Mask:
     """Return which of the times ``t`` (...), s, lie outside the outages. An outage is open at its start."""
     there = np.ones(t.shape, dtype=bool)
     for start, end in spec.outages_s:
@@ -58,6 +69,14 @@ def zero_velocity_fixes(there: Mask, runs: int, pos: Array) -> Fixes:
     """
     valid = np.broadcast_to(there[:, None], (runs, len(there), 1))
     return np.zeros((runs, len(there), 3)), valid * pos, valid.astype(np.int8)
+
+
+def in_fields(fixes: Fixes) -> dict[str, NDArray[Any]]:
+    """Return fixes as fields of observations, clipped to their limits in place."""
+    vel, pos, valid = fixes
+    for name, values in (("gps_vel", vel), ("gps_pos", pos)):
+        clip(name, values, FIELDS)
+    return {"gps_vel": vel, "gps_pos": pos, "gps_valid": valid}
 
 
 class ZeroVelocity:

@@ -12,21 +12,23 @@ from sins_env.arrays import Array
 from sins_env.prior import COARSE_STD_DEG, PRIORS, SWITCH_ON_STD_DEG
 from sins_env.sensors.gps import Gps, epochs_per_fix
 from sins_env.sensors.imu import Imu, Script
+from sins_env.sensors.limits import MAX_SPEED
 from sins_env.specs import GpsSpec, ImuSpec, gps_spec, imu_spec
 from sins_env.trajectory import Flight
 from sins_env.types import NavState, Site, Task
 from sins_env.units import DEG, DEG_PER_H, UG
-from sins_env.worlds.limits import MAX_SPEED
 from sins_env.worlds.profiles import Profile, flight_profile
 from sins_env.worlds.settings import (
     STARTS,
     Timed,
+    check_aids,
     check_coarse,
     check_duration,
     check_epoch,
     check_misalignment,
     check_samples,
     check_timing,
+    told_aids,
 )
 from sins_env.worlds.simulated import SimulatedWorld
 from sins_env.worlds.world import told_start
@@ -55,6 +57,8 @@ class FlightSettings(Timed):
     phase of a ``start`` of "unknown" lasts by default for as long as the flight stands still. With a ``coarse`` of 0, and in a
     flight that begins in motion, estimators begin at switch-on.
 
+    ``aids`` are further sensors by name, each with a preset or a dict of fields.
+
     Raises:
         ValueError: any value out of its range, or values that do not fit together.
         FileNotFoundError: no such file.
@@ -74,6 +78,7 @@ class FlightSettings(Timed):
     velocity_std_mps: float | None = None
     position_std_m: float | None = None
     prior: str = "matched"
+    aids: Any = ()
 
     def __post_init__(self) -> None:
         checks.choice("start", self.start, STARTS)
@@ -93,6 +98,7 @@ class FlightSettings(Timed):
             checks.keep(self, name, checks.number, f"a positive number or None, at most {most:g}", above=0.0, most=most)
         epochs_per_fix(self.gps_true, self.epoch)
         _ = self.imu_true
+        set_(self, "aids", check_aids(self.aids, self.epoch))
 
     def _check_times(self) -> None:
         plan, set_ = self.base.plan, object.__setattr__
@@ -166,6 +172,7 @@ class FlightSettings(Timed):
             prior=prior,
             coarse_told=not self.coarse_s,
             navigate=True,
+            aids=told_aids(self.aids),
         )
 
 
@@ -206,7 +213,7 @@ class FlightWorld(SimulatedWorld):
     """A flight, the same in every run, with sensors and a start that differ."""
 
     def __init__(self, env_id: str, settings: FlightSettings) -> None:
-        self.settings, self.task = settings, settings.task(env_id)
+        super().__init__(env_id, settings)
         task = self.task
         self.trajectory = Flight(settings.base.plan, task.epoch_s, task.n_sub)
         self.imu = Imu(settings.imu_true, task.epoch_s / task.n_sub, settings.script)

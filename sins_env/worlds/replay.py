@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import recordings
-from sins_env.arrays import Array, Rngs
+from sins_env.arrays import Array, Obs, Rngs
 from sins_env.prior import PRIORS, TOLD_START_STD_DEG
-from sins_env.sensors.gps import Fixes, epochs_per_fix, received, zero_velocity_fixes
+from sins_env.sensors.gps import Fixes, epochs_per_fix, in_fields, received, zero_velocity_fixes
 from sins_env.sensors.imu import standard_normal
 from sins_env.specs import imu_spec
 from sins_env.types import NavState, Task
@@ -98,12 +98,13 @@ class ReplayWorld(ChunkedWorld):
         samples = self._first_samples[:, None] + np.arange(first, first + count) * self.n_sub
         return self.recording.t0 + samples / self.recording.rate_hz
 
-    def _chunk(self, first: int, count: int) -> tuple[tuple[Any, ...], NavState]:
+    def _chunk(self, first: int, count: int) -> tuple[Obs, NavState]:
         rows = (self._first_samples + first * self.n_sub)[:, None] + np.arange(count * self.n_sub)
         shape = (len(rows), count, self.n_sub, 3)
-        increments = (self.recording.dtheta[rows].reshape(shape), self.recording.dvel[rows].reshape(shape))
+        dtheta, dvel = self.recording.dtheta[rows].reshape(shape), self.recording.dvel[rows].reshape(shape)
         times = self._times(first + 1, count)
-        return (*increments, *self._fixes(times, np.arange(first + 1, first + count + 1))), self._truth(times)
+        fixes = in_fields(self._fixes(times, np.arange(first + 1, first + count + 1)))
+        return {"dtheta": dtheta, "dvel": dvel, **fixes}, self._truth(times)
 
     def _fixes(self, times: Array, number: NDArray[np.int64]) -> Fixes:
         gnss, there = self.recording.gnss, received(self.gps, number * self.task.epoch_s)

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from sins_env import checks, earth
 from sins_env.arrays import Array
 from sins_env.prior import ANY_HEADING_STD_DEG, COARSE_STD_DEG, PRIORS, SWITCH_ON_STD_DEG, TOLD_START_STD_DEG
+from sins_env.sensors.aids import specs as aid_specs
 from sins_env.sensors.gps import epochs_per_fix
-from sins_env.specs import GpsSpec, ImuSpec, gps_spec, imu_spec
+from sins_env.sensors.limits import MAX_TIME
+from sins_env.specs import AidSpec, GpsSpec, ImuSpec, gps_spec, imu_spec
 from sins_env.types import Site, Task
 from sins_env.units import DEG
-from sins_env.worlds.limits import MAX_TIME
 
 STARTS = ("unknown", "told")  #: allowed values of ``start``
 MOST_ANGLE_DEG = 1e6  #: largest heading, so that no turn is lost in rounding
@@ -51,7 +52,7 @@ class SimulationSettings(Timed):
     0 for a told one. With an unknown start and a ``coarse`` of 0, estimators begin at switch-on. A ``duration`` of None leaves
     360 s (a car 210 s) for the fine phase.
 
-    ``imu`` and ``gps`` are the name of a preset or a dict of fields.
+    ``imu`` and ``gps`` are the name of a preset or a dict of fields. ``aids`` are further sensors by name, each with one of these.
 
     ``misalignment_deg`` fixes the misalignment of a told start, E, N, U. None draws it from the prior. ``any_heading``
     draws the told heading over the circle, and the prior says so.
@@ -80,6 +81,7 @@ class SimulationSettings(Timed):
     latitude_deg: float = 39.96
     heading_deg: Any = 30.0
     earth: str = "wgs84"
+    aids: Any = ()
 
     def __post_init__(self) -> None:
         checks.choice("start", self.start, STARTS)
@@ -102,6 +104,7 @@ class SimulationSettings(Timed):
             )
         epochs_per_fix(self.gps_true, self.epoch)
         _ = self.imu_true
+        set_(self, "aids", check_aids(self.aids, self.epoch))
 
     @property
     def records(self) -> int:
@@ -146,7 +149,25 @@ class SimulationSettings(Timed):
             gps=self.gps_true.told(prior.gps_vel_std_mps if self.prior == "thesis" else None),
             prior=prior,
             coarse_told=not self.coarse_s,
+            aids=told_aids(self.aids),
         )
+
+
+def check_aids(given: Any, epoch_s: float) -> tuple[AidSpec, ...]:
+    """Check ``aids``, and return their specifications in the order of their names.
+
+    Raises:
+        ValueError: an unknown sensor, preset or field, a value out of its range, or readings that do not fall on epochs.
+    """
+    found = aid_specs(given)
+    for spec in found:
+        epochs_per_fix(spec, epoch_s)
+    return found
+
+
+def told_aids(aids: tuple[AidSpec, ...]) -> tuple[AidSpec, ...]:
+    """Return what estimators are told of these sensors."""
+    return tuple(spec.told() for spec in aids)
 
 
 def check_heading(given: Any) -> float | tuple[float, ...] | None:

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import checks
-from sins_env.arrays import Array, Rngs
-from sins_env.sensors.gps import Gps, ZeroVelocity
+from sins_env.arrays import Array, Obs, Rngs
+from sins_env.sensors.aids import sensor_of, stream
+from sins_env.sensors.gps import FIELDS, Gps, ZeroVelocity, in_fields
 from sins_env.sensors.imu import Imu, standard_normal
 from sins_env.trajectory import Trajectory
+from sins_env.trajectory.mounted import Mounted
 from sins_env.types import NavState
-from sins_env.worlds.limits import clip_fix
 from sins_env.worlds.settings import SimulationSettings
 from sins_env.worlds.world import ChunkedWorld, pick_rows, picked, told_start
 
@@ -28,12 +29,23 @@ class SimulatedWorld(ChunkedWorld):
     imu: Imu
     gps: Gps | ZeroVelocity
 
+    def __init__(self, env_id: str, settings: Any) -> None:
+        self.settings, self.task = settings, settings.task(env_id)
+        task = self.task
+        #: Aiding sensors by name, with the errors that the runs really have.
+        self.aids = {spec.name: sensor_of(spec.name)(spec, task.site, task.epoch_s) for spec in settings.aids}
+        self.fields = {**FIELDS, **{name: field for aid in self.aids.values() for name, field in aid.fields.items()}}
+
     def reset(self, rngs: Rngs, options: dict[str, Any]) -> tuple[NavState, NavState | None]:
         """Begin one run per generator, and return the true states at t = 0 and the told ones, if any."""
         streams = [rng.spawn(11) for rng in rngs]  # start, motion, 6 IMU, 3 GPS: one stream each, in this order
-        truth = self._begin([s[1] for s in streams], options)
+        for name, aid in self.aids.items():
+            aid.reset([stream(s[0], name) for s in streams])
+        truth = self._mounted(self._begin([s[1] for s in streams], options))
         self.imu.reset([s[2:8] for s in streams])
         self.gps.reset([s[8:11] for s in streams])
+        for aid in self.aids.values():
+            aid.begin(truth)
         self._rewind()
         return truth, self._told(truth, standard_normal([s[0] for s in streams], (9,)))
 
@@ -43,15 +55,27 @@ class SimulatedWorld(ChunkedWorld):
             raise checks.refused("reset options", options, "none in this environment")
         return self.trajectory.reset(rngs)
 
+    def _mounted(self, truth: NavState) -> NavState:
+        """Turn the IMU in its vehicle as the aids have drawn it, and return the true states of the IMU at t = 0."""
+        inner = getattr(self.trajectory, "inner", self.trajectory)
+        turns = [aid.mounting for aid in self.aids.values() if aid.mounting is not None]
+        self.trajectory = inner
+        for mounting in turns:
+            self.trajectory = mounted = Mounted(inner, mounting)
+            truth = mounted.state(truth)
+        return truth
+
     @abstractmethod
     def _told(self, truth: NavState, draws: Array) -> NavState | None:
         """Return the start that the task tells, or None for an unknown start; ``draws`` (runs, 9) are standard normal."""
 
-    def _chunk(self, first: int, count: int) -> tuple[tuple[Any, ...], NavState]:
+    def _chunk(self, first: int, count: int) -> tuple[Obs, NavState]:
         motion = self.trajectory.chunk(first, count)
-        fixes = self.gps.fixes(motion, first)
-        clip_fix(*fixes[:2])
-        return (*self.imu.measure(motion.dtheta, motion.dvel), *fixes), motion.state
+        measured = in_fields(self.gps.fixes(motion, first))
+        for aid in self.aids.values():
+            measured |= aid.readings(motion, first)
+        dtheta, dvel = self.imu.measure(motion.dtheta, motion.dvel)
+        return {"dtheta": dtheta, "dvel": dvel, **measured}, motion.state
 
 
 class BaseWorld(SimulatedWorld):
@@ -60,7 +84,7 @@ class BaseWorld(SimulatedWorld):
     settings: SimulationSettings
 
     def __init__(self, env_id: str, settings: SimulationSettings) -> None:
-        self.task = settings.task(env_id)
+        super().__init__(env_id, settings)
         self.imu = Imu(settings.imu_true, self.task.epoch_s / self.task.n_sub)
 
     def _records(self, rngs: Rngs, options: dict[str, Any]) -> NDArray[np.int64] | None:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import attitude, checks, earth
-from sins_env.arrays import Array, Rngs
+from sins_env.arrays import Array, Obs, Rngs
 from sins_env.checks import unknown
+from sins_env.sensors.gps import FIELDS
+from sins_env.sensors.limits import Field
 from sins_env.states import NAVIGATION
 from sins_env.types import NavState, Task
 from sins_env.units import DEG
@@ -22,11 +25,8 @@ CHUNK_SAMPLES = 300
 class EpochData(NamedTuple):
     """One epoch of every run: the measurements, and the true states at its end."""
 
-    dtheta: Array  #: (runs, n_sub, 3) angle increments, rad
-    dvel: Array  #: (runs, n_sub, 3) velocity increments, m/s
-    gps_vel: Array  #: (runs, 3) velocity E, N, U of the fix, m/s; zeros without a fix
-    gps_pos: Array  #: (runs, 3) latitude rad, longitude rad, height m of the fix; zeros without a fix
-    gps_valid: NDArray[np.int8]  #: (runs, 1) 1 with a fix, else 0
+    #: The increments ``dtheta`` in rad and ``dvel`` in m/s, (runs, n_sub, 3), and what the sensors say at the end, (runs, ...).
+    measured: Obs
     truth: NavState
 
 
@@ -35,6 +35,7 @@ class World(Protocol):
 
     task: Task
     scored: bool  #: whether there is a true state, or a reference, against which errors are taken
+    fields: Mapping[str, Field]  #: fields of an observation beside the time and the increments
 
     def reset(self, rngs: Rngs, options: dict[str, Any]) -> tuple[NavState, NavState | None]:
         """Begin one run per generator.
@@ -52,6 +53,7 @@ class ChunkedWorld(ABC):
     """A world that computes its epochs in chunks, so that memory does not grow with the duration."""
 
     task: Task
+    fields: Mapping[str, Field] = FIELDS
     first_epoch: int  #: number of epochs before those of the last chunk
     _end: int
 
@@ -62,15 +64,14 @@ class ChunkedWorld(ABC):
             self._end = min(self.first_epoch + max(1, CHUNK_SAMPLES // self.task.n_sub), self.task.num_epochs)
             self._measured, self._state = self._chunk(self.first_epoch, self._end - self.first_epoch)
         i = k - 1 - self.first_epoch
-        dtheta, dvel, gps_vel, gps_pos, gps_valid = (part[:, i] for part in self._measured)
-        truth = NavState(*(part[:, i] for part in self._state))
-        return EpochData(dtheta, dvel, gps_vel, gps_pos, gps_valid, truth)
+        measured = {name: part[:, i] for name, part in self._measured.items()}
+        return EpochData(measured, NavState(*(part[:, i] for part in self._state)))
 
     def _rewind(self) -> None:
         self.first_epoch = self._end = 0
 
     @abstractmethod
-    def _chunk(self, first: int, count: int) -> tuple[tuple[Any, ...], NavState]:
+    def _chunk(self, first: int, count: int) -> tuple[Obs, NavState]:
         """Return measurements and truth of epochs first + 1 ... first + count, all (runs, count, ...)."""
 
 

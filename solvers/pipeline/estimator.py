@@ -27,7 +27,7 @@ class Aligner(Integration):
     """The estimator of attitude around a filter, with the :class:`Settings` of the pipeline by name.
 
     The vertical velocity of the INS is pulled towards the fixes, and the position is the told site. In invariant and equivariant
-    coordinates there are twelve states instead of ten, with the vertical velocity among them.
+    coordinates, and for a task with aids, there are twelve states instead of ten, with the vertical velocity among them.
 
     Raises:
         ValueError: an unknown setting.
@@ -52,6 +52,17 @@ class Aligner(Integration):
         """
         refuse_navigation(task, "an aligner")
         super().reset(task, rng, num_runs)
+
+    def error_model(self, task: Task) -> ErrorModel:
+        """Return the ten-state model, or with aids the one of twelve states, which has a vertical velocity.
+
+        Raises:
+            ValueError: the task has aids, and a setting of the ten-state model was given.
+        """
+        if not task.aids:
+            return self.errors
+        self.settings.refuse_with_aids()
+        return NavigationErrors(position=False)
 
     def answer(self, nav: NavState) -> Array:
         """Return q_nb (..., 4)."""

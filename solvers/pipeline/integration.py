@@ -1,4 +1,4 @@
-"""An INS held by an aid: strapdown, an error model and any filter of the zoo, after coarse alignment for an unknown start.
+"""An INS held by aids: strapdown, an error model and any filter of the zoo, after coarse alignment for an unknown start.
 
 Alignment and navigation share this. :mod:`solvers.pipeline.estimator` says which errors there are, which aid, and what the
 answer is.
@@ -7,7 +7,6 @@ answer is.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -24,14 +23,16 @@ from solvers.filters.brief import changed
 from solvers.pipeline import coarse as coarse_methods
 from solvers.pipeline import feedback as reset
 from solvers.pipeline import switch_on
-from solvers.pipeline.aiding.aid import Aid
+from solvers.pipeline.aiding.aid import Ins
+from solvers.pipeline.aiding.gps import Gps
+from solvers.pipeline.aiding.together import Aids, decayed, fits, sensors, with_parameters
 from solvers.pipeline.coarse.spread import Spread, told_by
 from solvers.pipeline.errors.equivariant import Equivariant
 from solvers.pipeline.errors.invariant import Euler, Invariant
 from solvers.pipeline.errors.model import ErrorModel
 from solvers.pipeline.settings import Settings
 from solvers.pipeline.strapdown import Strapdown, StrapdownState, carried_sample
-from solvers.types import Filter, Gaussian, Health
+from solvers.types import Filter, Gaussian, Health, Innovation
 
 
 class Integration(ABC):
@@ -42,7 +43,7 @@ class Integration(ABC):
 
     navigates: ClassVar[bool]  #: whether the INS and the answer have a position
     default: ClassVar[Settings]  #: values for what neither the settings nor the filter say
-    aid: ClassVar[type[Aid]]  #: the sensor that holds the INS
+    aid: ClassVar[type[Gps]]  #: the sensor that starts the INS and holds it; the aids of a task come beside it
 
     def __init__(self, filter: Filter[Any], errors: ErrorModel, settings: Settings) -> None:
         self.filter, self.errors, self.settings = filter, errors, settings
@@ -70,10 +71,15 @@ class Integration(ABC):
         self._batch: tuple[int, ...] = () if single else (num_runs,)  # until the first observation tells it
         self._earth, pos = earth.get(task.site.earth), task.site.pos
         self._strapdown = Strapdown(self._earth, task.epoch_s, task.n_sub, pos, hold_position=not self.navigates)
-        self._errors = replace(self.errors, parameters=self.aid.parameters(task))
+        self._errors = with_parameters(self.error_model(task), task, behind=self.aid.parameters(task))
         states = self._errors.states
         self._phi, self._fed = states["phi"], states.span(*self._errors.fed)
         self._Q, self._aid = self._errors.noise(task.prior), self.aid(task, states)
+        self._aids = Aids((self._aid, *sensors(task, self._errors)))
+        self._rate_ie = earth.rate_n(self._earth, task.site.latitude)
+        #: Parameters of aids that have been fed back so far by name, (..., size) in SI units.
+        self.own: dict[str, Array] = {}
+        self._innovation: Innovation | None = None  # of the last epoch
         self._coarse: coarse_methods.Coarse | None = None
         self._waiting: Mask = np.zeros(self._batch, dtype=bool)  # runs that have had no fix since switch-on
         self.ins: StrapdownState | None = None  #: state of the INS; None before the fine phase
@@ -122,8 +128,15 @@ class Integration(ABC):
         return None if self.belief is None else self.belief.health
 
     def diagnostics(self) -> dict[str, Array]:
-        """Return what the filter knows beside its estimate, by name; nothing in the coarse phase."""
-        return {} if self.belief is None else self.filter.diagnostics(self.belief)
+        """Return what the filter knows beside its estimate, by name; nothing in the coarse phase.
+
+        After an epoch with a fix or reading, ``<aid>_residual`` (..., m) is the INS minus the reading less its prediction, and
+        ``<aid>_nis`` (...) its normalised square; NaN without one.
+        """
+        if self.belief is None:
+            return {}
+        found = self.filter.diagnostics(self.belief)
+        return found if self._innovation is None else {**found, **fits(self._innovation, self._aids.rows)}
 
     @property
     def states(self) -> Layout:
@@ -144,6 +157,10 @@ class Integration(ABC):
         errors, P = self._coordinates.gaussian(x, nav)
         J = reset.reset_maps(errors, self._phi, self._fed)[1](errors)
         return self._errors.corrected(self._earth, nav, errors), errors, J @ P @ J.mT
+
+    def error_model(self, task: Task) -> ErrorModel:
+        """Return the error model for a task, without parameters of aids."""
+        return self.errors
 
     @abstractmethod
     def answer(self, nav: NavState) -> Array:
@@ -167,7 +184,7 @@ class Integration(ABC):
         level = self._aid.start(obs, switch_on.level(obs))
         now = self._waiting & (obs["gps_valid"][..., 0] == 1)
         if nav is None or now.any():
-            ins, bias, belief = self.ins, self.bias, self.belief
+            ins, bias, belief, own = self.ins, self.bias, self.belief, self.own
             self._start_fine(level, prior=switch_on.switch_on_prior(self.task.prior))
             self.ins = StrapdownState(level, carried_sample(obs["dtheta"], obs["dvel"]))
             if nav is not None:
@@ -175,6 +192,7 @@ class Integration(ABC):
                 if bias is not None:
                     gyro, accel = (np.where(now[..., None], 0.0, part) for part in bias)
                     self.bias = gyro, accel
+                self.own = {name: np.where(now[..., None], 0.0, part) for name, part in own.items()}
         answer: NavState = level if nav is None else choose(self._waiting, level, nav)
         self._waiting = self._waiting & ~now
         return answer
@@ -189,19 +207,25 @@ class Integration(ABC):
         P0 = (prior or self.task.prior).P0
         if spread is not None and not self.task.coarse_told:
             P0 = told_by(spread, self.task.prior, nav.q_nb if self.settings.bias_frame == "nav" else None)
+        self.own = {p.name: np.zeros((*self._batch, p.size)) for p in self._errors.parameters if p.fed}
         errors = self._errors.prior(P0, self._batch)
         self.belief = self.filter.init(self._coordinates.prior(errors, nav), self._rng)
 
     def _fine(self, obs: Observation) -> NavState:
         assert self.ins is not None
-        before = self.ins.nav
-        self.ins, motion = self._strapdown.advance(self.ins, *self._increments(obs))
-        ins, measurement = self._aid.read(obs, self.ins.nav)
-        self.ins = self.ins._replace(nav=ins)
+        (before, last), (dtheta, dvel) = self.ins, self._increments(obs)
+        self.ins, motion = self._strapdown.advance(self.ins, dtheta, dvel)
+        ins = self._aid.hold(obs, self.ins.nav)
+        self.ins, epoch_s = self.ins._replace(nav=ins), self.task.epoch_s
+        self.own = decayed(self._errors.parameters, self.own, epoch_s)
+        measurement = self._aids.read(obs, Ins(ins, before, dtheta, last, epoch_s, self._rate_ie, self.own))
         transition = self._coordinates.transition(self._errors.transition(motion, self._Q), before, ins)
         if measurement is not None:
             measurement = self._coordinates.measurement(measurement, ins)
-        self.belief, _ = self.filter.step(self.belief, transition, measurement)
+            if self.settings.aid_gate < 1.0:
+                now = self.filter.estimate(self.belief)
+                measurement = self._aids.gated(measurement, transition, now, self.settings.aid_gate)
+        self.belief, self._innovation = self.filter.step(self.belief, transition, measurement)
         x = self._coordinates.errors(self.filter.estimate(self.belief).mean, ins)
         nav = self._errors.corrected(self._earth, ins, x)
         if self.settings.feedback == "closed" and measurement is not None:
@@ -223,6 +247,8 @@ class Integration(ABC):
             per_sample = self.task.epoch_s / self.task.n_sub
             so_far = self.bias or (0.0, 0.0)
             self.bias = so_far[0] + per_sample * biases[0], so_far[1] + per_sample * biases[1]
+        states = self._errors.states
+        self.own = {name: fed + states.si[states[name]] * x[..., states[name]] for name, fed in self.own.items()}
         maps = reset.reset_maps(x, self._phi, self._fed)
         self.belief = self.filter.relocate(self.belief, *self._coordinates.reset(maps, before, nav))
 

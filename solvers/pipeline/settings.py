@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from sins_env.checks import choice, shown
+from sins_env.checks import choice, keep, number, shown
 from solvers.pipeline import coarse as coarse_methods
 from solvers.pipeline.errors.invariant import COORDINATES
 
@@ -29,6 +29,8 @@ class Settings:
     ``coarse``: method of the coarse phase, which an unknown start needs (:mod:`solvers.pipeline.coarse`). The default is
     "aided" in alignment and "svd" in navigation. There the vehicle stands still, which "svd" assumes. The velocities
     of fixes, on which "aided" relies, are noisier than that.
+    ``aid_gate``: probability that a good reading of an aid, or a fix, lies within its gate; those outside are left out. With 1,
+    the default, there is no gate.
 
     Raises:
         ValueError: a value that is not allowed.
@@ -39,6 +41,7 @@ class Settings:
     feedback: str | None = None
     coordinates: str | None = None
     coarse: str | None = None
+    aid_gate: float = 1.0
 
     def __post_init__(self) -> None:
         choice("model", self.model, MODELS)
@@ -46,6 +49,7 @@ class Settings:
         for name, allowed in (("feedback", FEEDBACK), ("coordinates", COORDINATES)):
             if getattr(self, name) is not None:
                 choice(name, getattr(self, name), allowed)
+        keep(self, "aid_gate", number, least=0.5, most=1.0)
         if self.coarse is not None:
             coarse_methods.check_method(self.coarse)
         if self.coordinates not in (None, "euler"):
@@ -62,6 +66,14 @@ class Settings:
             ValueError: there is one.
         """
         self._refuse(f"is of alignment, and {what} navigates")
+
+    def refuse_with_aids(self) -> None:
+        """Refuse a setting of the ten-state model, which has no vertical velocity and takes no aids.
+
+        Raises:
+            ValueError: there is one that is not at its default.
+        """
+        self._refuse("is of alignment without aids, and the task has aids")
 
     def _refuse(self, why: str) -> None:
         for name in ALIGNMENT_ONLY:

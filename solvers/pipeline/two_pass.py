@@ -17,20 +17,21 @@ Equations: docs/mathematics/bound.md#two-passes.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sins_env.arrays import Array, Mask
 from sins_env.checks import keep, number
+from sins_env.states import Layout
 from sins_env.types import Rng, Task
 from sins_env.units import DEG
 from solvers.filters.base import choose, mixed
 from solvers.filters.brief import changed
 from solvers.filters.kalman.kf import KF
 from solvers.filters.sigma.ckf import CKF
-from solvers.pipeline.errors.alignment import DV, PHI
+from solvers.pipeline.errors.alignment import STATES
 from solvers.pipeline.estimator import Aligner
 from solvers.registry import register
 from solvers.types import Filter, Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
@@ -72,6 +73,7 @@ class TwoPassFilter:
     relinearise_s: float = 120.0  #: s, time of the first pass
     first: Filter[Any] = field(default_factory=CKF)  #: the filter of the first pass
     tangent: Filter[Any] = field(default_factory=KF)  #: the filter of d, with the tangent at d = 0
+    states: Layout = STATES  #: layout of x
     batched = True
 
     def __post_init__(self) -> None:
@@ -100,7 +102,7 @@ class TwoPassFilter:
     def _again(self, b: TwoPassBelief) -> TwoPassBelief:
         """Pass the past again in the runs that are rough; runs that are lost stay lost."""
         now = self.estimate(b)
-        health, nominal = b.inner.health, _start(b.past, now.mean)
+        health, nominal = b.inner.health, _start(b.past, now.mean, self.states)
         inner = self.tangent.init(Gaussian(b.prior.mean - nominal, b.prior.cov), None)
         lost = np.where(health.failed_at >= 0, health.failed_at, inner.health.failed_at)
         frozen = health.frozen or inner.health.frozen
@@ -111,7 +113,7 @@ class TwoPassFilter:
         if b.nominal is not None:
             better = b.rough & (out.health.failed_at < 0)
             out = out._replace(inner=mixed(better, out.inner, b.inner), nominal=choose(better, out.nominal, b.nominal))
-        variance = np.diagonal(now.cov, axis1=-2, axis2=-1)[..., PHI].max(axis=-1)
+        variance = np.diagonal(now.cov, axis1=-2, axis2=-1)[..., self.states["phi"]].max(axis=-1)
         rough = b.rough & (variance > (GOOD_DEG * DEG) ** 2) & (out.health.failed_at < 0) & (b.passes < AGAIN)
         return out._replace(past=b.past if rough.any() else (), rough=rough, passes=b.passes + 1)
 
@@ -157,19 +159,20 @@ def _shifted(g: Function, at: Array, origin: Array | None = None) -> Function:
     return shifted
 
 
-def _start(past: tuple[Epoch, ...], end: Array) -> Array:
+def _start(past: tuple[Epoch, ...], end: Array, states: Layout) -> Array:
     """Return the x_0_ (..., n) from which the misalignment leads to that of ``end``, with the biases of ``end``.
 
     The velocity is the told one. It enters the error model only through omega_en, so its trajectory need not be near the
     true one.
     """
     start = end.copy()
-    start[..., DV] = 0.0
+    phi = states["phi"]
+    start[..., states["dv"]] = 0.0
     for _ in range(SHOTS):
         x = start
         for tr, _ in past:
             x = tr.f(x)
-        start[..., PHI] += end[..., PHI] - x[..., PHI]
+        start[..., phi] += end[..., phi] - x[..., phi]
     return start
 
 
@@ -199,6 +202,8 @@ class TwoPass(Aligner):
                 f"two_pass on {task.id} with an unknown start and coarse = 0; allowed: a told start, or a coarse phase"
             )
         super().reset(task, rng, num_runs)
+        assert isinstance(self.filter, TwoPassFilter)
+        self.filter = replace(self.filter, states=self.states)
 
     def __repr__(self) -> str:
         values = {**vars(self.filter), **vars(self.settings)}

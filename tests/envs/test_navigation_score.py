@@ -14,6 +14,7 @@ from sins_env import attitude, earth
 from sins_env.envs.base import EpisodeEnv, EpisodeVectorEnv
 from sins_env.envs.reward import WORST_PHI, WORST_POS, WORST_VEL, score_navigation
 from sins_env.envs.spaces import navigation_action_space
+from sins_env.sensors.gps import FIELDS
 from sins_env.types import NavState
 from sins_env.worlds.world import EpochData
 
@@ -26,6 +27,8 @@ class Fixed:
     """Every run stands in the same state for ever."""
 
     scored = True
+
+    fields = FIELDS
 
     def __init__(self, scored=True):
         self.task = dataclasses.replace(make(duration=1.0).task, navigate=True)
@@ -41,7 +44,8 @@ class Fixed:
     def epoch(self, k):
         zeros = np.zeros((self.runs, 3))
         increments = np.zeros((self.runs, self.task.n_sub, 3))
-        return EpochData(increments, increments, zeros, zeros, np.zeros((self.runs, 1), np.int8), self._truth())
+        fix = {"gps_vel": zeros, "gps_pos": zeros, "gps_valid": np.zeros((self.runs, 1), np.int8)}
+        return EpochData({"dtheta": increments, "dvel": increments, **fix}, self._truth())
 
 
 @dataclasses.dataclass(frozen=True)

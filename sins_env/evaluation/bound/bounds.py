@@ -92,11 +92,14 @@ def compute(task: EvaluationTask, runs: int = RUNS) -> Bound | None:
     variance = []
     for part in true_motion(task, public, runs):
         F, H = model.transitions(part), model.sensitivity(part)
-        Q = model.noise(part, F)
+        Q, aided = model.noise(part, F), model.aided(part)
         for k, fix in enumerate(part.fix):
             P = F[:, k] @ P @ F[:, k].mT + Q[:, k]
             if fix:
                 P = correct(P, H[:, k], model.R)
+            for there, H_aid, R_aid in aided:
+                if there[k]:
+                    P = correct(P, H_aid[:, k], R_aid)
             variance.append(np.diagonal(P, axis1=-2, axis2=-1)[:, model.scored].mean(axis=0))
     criteria = Criteria.of(task, public)
     stride, first = criteria.history_stride, criteria.steady_from
@@ -107,7 +110,7 @@ def compute(task: EvaluationTask, runs: int = RUNS) -> Bound | None:
         steady=np.sqrt(curve[first - 1 :].mean(axis=0)),
         final=np.sqrt(curve[-1]),
         epochs=np.array([first, criteria.num_epochs]),
-        holds=np.array(world.settings.gaussian_start),
+        holds=np.array(world.settings.gaussian_start and all(term.holds for _, term in model.aids.values())),
     )
 
 

@@ -29,6 +29,7 @@ import numpy as np
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
+from sins_env.evaluation.bound.aids import Instant, term
 from sins_env.evaluation.bound.fisher import fix_noise
 from sins_env.evaluation.tasks.task import EvaluationTask, run_numbers
 from sins_env.sensors.gps import ZeroVelocity
@@ -58,6 +59,7 @@ class Truth(NamedTuple):
     C_end: Array  #: (runs, epochs, 3, 3) C_nb at the end of the epoch
     rate_end: Array  #: (runs, epochs, 3) omega_eb^b at the end of the epoch, rad/s
     fix: Mask  #: (epochs,) whether there is a fix at the end
+    vel_end: Array  #: (runs, epochs, 3) velocity in n at the end of the epoch, m/s
 
 
 def simulated(task: EvaluationTask) -> tuple[Task, SimulatedWorld] | None:
@@ -102,7 +104,7 @@ def true_motion(
         C = attitude.to_dcm(q)
         mean = [x[:, :-2:2] / 6 + x[:, 1:-1:2] * (2 / 3) + x[:, 2::2] / 6 for x in (C, vel, pos)]
         force = (vel[:, 2::2] - vel[:, :-2:2]) / h + _apparent(model, mean[1], mean[2])
-        yield Truth(first, mean[0], force, mean[1], mean[2], C[:, 2::2], motion.rate_eb_b[:, 1::2], fix)
+        yield Truth(first, mean[0], force, mean[1], mean[2], C[:, 2::2], motion.rate_eb_b[:, 1::2], fix, vel[:, 2::2])
     env.close()
 
 
@@ -160,19 +162,25 @@ class ErrorDynamics:
         self.travels, self.script = world.task.navigate, world.imu.script
         kinds = _biases(imu)
         blocks = [kind.block for kind in kinds]
+        self.aids = {name: (aid, term(aid.spec, self.epoch_s)) for name, aid in world.aids.items()}
+        own = [one for _, aid in self.aids.values() for one in aid.states()]
+        blocks += [one.block for one in own]
         self.full = CORE.plus(*blocks)
-        self.states = self.full if self.travels else AT_REST.plus(*blocks)
+        at_rest = CORE.only("dv", "phi") if self.aids else AT_REST  # aids show the vertical velocity, too
+        self.states = self.full if self.travels else at_rest.plus(*blocks)
         self.n, self.kept = self.states.size, self.full.places(self.states)
         self.biases = [(self.full[kind.name], kind) for kind in kinds]
+        self.own = [(self.full[one.block.name], one) for one in own]
         std, drive = np.zeros((2, self.full.size))
         known = world.settings.start == "told"
         std[DV] = prior.velocity_std_mps if known else UNKNOWN_VELOCITY_STD
         std[PHI] = np.asarray(prior.attitude_std_deg) * DEG if known else UNKNOWN_ATTITUDE_STD
         std[DP] = prior.position_std_m
         drive[DV], drive[PHI] = imu.vrw**2, imu.arw**2
-        for states, kind in self.biases:
-            std[states] = kind.std
-            drive[states] = 2 * kind.std**2 / kind.time_constant_s
+        spreads = [(states, kind.std, kind.time_constant_s) for states, kind in self.biases]
+        for states, sigma, tau in [*spreads, *((states, one.std, one.time_constant_s) for states, one in self.own)]:
+            std[states] = sigma
+            drive[states] = 2 * sigma**2 / tau
         self.shown = FIX.places(self.states.only(*(name for name in FIX.names if name in self.states)))
         self.P0, self._drive = np.diag(std[self.kept] ** 2), drive
         self.R = fix_noise(gps)[np.ix_(self.shown, self.shown)]
@@ -201,6 +209,8 @@ class ErrorDynamics:
         for states, kind in self.biases:
             A[..., PHI if kind.gyro else DV, states] = -truth.C if kind.gyro else truth.C
             A[..., states, states] = -np.eye(3) / kind.time_constant_s
+        for states, one in self.own:
+            A[..., states, states] = -np.eye(one.block.size) / one.time_constant_s
         if self.travels:
             self._add_position(A, truth)
         A = A[..., self.kept[:, None], self.kept] * self.epoch_s
@@ -225,6 +235,19 @@ class ErrorDynamics:
         (east, north, up), tan = np.moveaxis(vel, -1, 0), np.tan(pos[..., 0])
         A[..., E, E], A[..., E, N], A[..., E, U] = (up - north * tan) / R_N, east * tan / R_N, -east / R_N
         A[..., N, N], A[..., N, U] = up / R_M, -north / R_M
+
+    def aided(self, truth: Truth) -> list[tuple[Mask, Array, Array]]:
+        """Return what each aid shows: which epochs (epochs,) end with a reading, H (runs, epochs, m, n), and R (m, m)."""
+        at, found = Instant(truth.C_end, truth.vel_end, truth.rate_end), []
+        places = {"phi": [PHI], "dv": [DV], "dp": [DP], "rate": [states for states, kind in self.biases if kind.gyro]}
+        for aid, aid_term in self.aids.values():
+            variances = aid_term.noise()
+            H = np.zeros((*truth.vel.shape[:-1], len(variances), self.full.size))
+            for name, slope in aid_term.rows(at).items():
+                for states in places[name] if name in places else [self.full[name]]:
+                    H[..., states] = slope
+            found.append((aid.present(truth.first, H.shape[1]), H[..., self.kept], np.diag(variances)))
+        return found
 
     def sensitivity(self, truth: Truth) -> Array:
         """Return H (runs, epochs, m, n) of a fix at the antenna: V + C (omega_eb x lever arm), and p + C lever arm."""

@@ -127,15 +127,15 @@ class _Drawn:
         data = self._world.epoch(self._k)
         motion: Motion = self._kept.last
         j = self._k - 1 - self._world.first_epoch
-        pairs = zip((data.dtheta, data.dvel), (motion.dtheta, motion.dvel), self._swapped, strict=True)
+        pairs = zip((data.measured["dtheta"], data.measured["dvel"]), (motion.dtheta, motion.dvel), self._swapped, strict=True)
         dtheta, dvel = ((measured - true[:, j]).sum(axis=1) + added for measured, true, added in pairs)
         vel, pos = motion.state.vel[:, j], motion.state.pos[:, j]
         if self._lever.any():
             C = attitude.to_dcm(motion.state.q_nb[:, j])
             vel = vel + (C @ np.cross(motion.rate_eb_b[:, j], self._lever)[..., None])[..., 0]
             pos = earth.displace(self._earth, pos, C @ self._lever)
-        fix = np.concatenate([data.gps_vel - vel, earth.offset(self._earth, pos, data.gps_pos)], axis=-1)
-        return dtheta, dvel, self._weighted(fix)
+        off = data.measured["gps_vel"] - vel, earth.offset(self._earth, pos, data.measured["gps_pos"])
+        return dtheta, dvel, self._weighted(np.concatenate(off, axis=-1))
 
 
 def _without(name: str, spec: Any, known: dict[str, float]) -> dict[str, Any]:
@@ -145,7 +145,7 @@ def _without(name: str, spec: Any, known: dict[str, float]) -> dict[str, Any]:
 
 
 def compute(task: EvaluationTask, runs: int | Iterable[int], suite_seed: int | None = None) -> Oracle | None:
-    """Play the oracle on runs of a task's suite; None if the task has no bound.
+    """Play the oracle on runs of a task's suite; None if the task has no bound, or aids.
 
     Args:
         task: a task.
@@ -153,7 +153,7 @@ def compute(task: EvaluationTask, runs: int | Iterable[int], suite_seed: int | N
         suite_seed: seed of the suite; None takes that of the task.
     """
     found = simulated(task)
-    if found is None:
+    if found is None or found[1].aids:  # what aids have drawn is not taken apart here
         return None
     public, world = found
     wanted, model = run_numbers(runs), ErrorDynamics(world)

@@ -56,7 +56,7 @@ def _digested(task: EvaluationTask) -> dict[str, list[NDArray[Any]]]:
     if travels:
         for epoch in _later_epochs(env):
             for name in obs.keys() - {"t"}:
-                fields[name].append(getattr(epoch, name))
+                fields[name].append(epoch.measured[name])
         for name in ("pos", "gps_pos"):  # metres would hide radians
             fields[f"{name}, height"] = [part[..., 2:] for part in fields[name]]
             fields[name] = [part[..., :2] for part in fields[name]]

@@ -1,40 +1,218 @@
-"""What the pipeline asks of an aid: the states that it adds, and measurements of the errors from observations."""
+"""What the pipeline asks of an aid: the states that it adds, and measurements of the errors from observations.
+
+A sensor's own errors are parameters: states behind those of the INS. A measurement is INS minus reading, z = h(x) + v, and h is
+what the sensor would read at the INS minus what it would read at the INS without the errors x. So h(0) = 0, and nothing is
+linearised by hand. Equations: docs/mathematics/aiding.md#measurement.
+"""
 
 from __future__ import annotations
 
-from typing import Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple, Protocol
 
-from sins_env.arrays import Array
+import numpy as np
+
+from sins_env import attitude, earth
+from sins_env.arrays import Array, Mask
 from sins_env.states import Layout
 from sins_env.types import NavState, Observation, Task
 from solvers.pipeline.errors.model import Parameter
+from solvers.pipeline.strapdown import end_rate
 from solvers.types import Measurement
 
 
-class Aid(Protocol):
-    """A sensor as the task tells it, made anew for each episode.
+@dataclass(frozen=True)
+class Ins:
+    """The INS at the end of an epoch, and what an aid may ask of the epoch."""
 
-    ``states`` is the layout of the errors x. A measurement is INS minus reading, z = h(x) + v, with the errors of
-    :mod:`solvers.pipeline.errors`. Equations: docs/mathematics/error_models.md#measurement.
+    nav: NavState  #: at the end
+    before: NavState  #: at the start
+    dtheta: Array  #: (..., n_sub, 3) rad, increments without the biases fed back so far
+    last: Array | None  #: (..., 6), the sample before the epoch, if it is known
+    epoch_s: float
+    rate_ie: Array  #: (3,) rad/s, earth rate in n
+    own: Mapping[str, Array] = field(
+        default_factory=dict
+    )  #: parameters fed back so far by name, (..., size) in SI units
+
+    @cached_property
+    def C(self) -> Array:
+        """Attitude C_hat at the end, (..., 3, 3)."""
+        return np.asarray(attitude.to_dcm(self.nav.q_nb))
+
+    @cached_property
+    def rate(self) -> Array:
+        """omega_eb^b at the end, (..., 3) rad/s, extrapolated from the last two samples."""
+        samples = self.dtheta
+        if samples.shape[-2] == 1 and self.last is not None:
+            samples = np.concatenate([self.last[..., None, :3], samples], axis=-2)
+        return end_rate(samples, self.epoch_s * samples.shape[-2] / self.dtheta.shape[-2]) - self._rate_ie_b
+
+    @cached_property
+    def mean_rate(self) -> Array:
+        """Mean of omega_eb^b over the epoch, (..., 3) rad/s."""
+        return self.dtheta.sum(axis=-2) / self.epoch_s - self._rate_ie_b
+
+    @cached_property
+    def _rate_ie_b(self) -> Array:
+        return np.asarray((self.C.mT @ self.rate_ie[:, None])[..., 0])
+
+
+class Aid(Protocol):
+    """A sensor as the task tells it, made anew for each episode; ``states`` is the layout of the errors x."""
+
+    name: ClassVar[str]
+    rows: int  #: number of components of a measurement
+
+    def read(self, obs: Observation, ins: Ins) -> Measurement | None:
+        """Return the measurement at the end of an epoch; None if no run has a reading."""
+        ...
+
+
+class State(NamedTuple):
+    """Where a sensor is: at the INS, or at the INS without some errors."""
+
+    C: Array  #: (..., 3, 3) attitude
+    vel: Array  #: (..., 3) m/s E, N, U
+    away: Array  #: (..., 3) m E, N, U from the place of the INS
+    rate: Array  #: (..., 3) rad/s, omega_eb^b
+    own: Mapping[str, Array]  #: parameters by name, (..., size) in SI units
+
+
+class Sensor(ABC):
+    """Base of the aids whose reading is a function of one state: a subclass gives the function and its slopes.
+
+    Args:
+        spec: what the task tells of the sensor.
+        task: the task.
+        states: layout of the errors x.
     """
 
-    def __init__(self, task: Task, states: Layout) -> None: ...
+    name: ClassVar[str]
+    rows: int
 
-    @staticmethod
-    def parameters(task: Task) -> tuple[Parameter, ...]:
-        """Return the states that the sensor adds to the errors of the INS."""
-        ...
+    def __init__(self, spec: Any, task: Task, states: Layout) -> None:
+        self.spec, self.task, self.states = spec, task, states
+        self.parameters = self.states_of(spec)
+        self.prepare()
 
-    def start(self, obs: Observation, q_nb: Array) -> NavState:
-        """Return the state of the INS at the end of an epoch of the coarse phase, with the attitude q_nb (..., 4).
+    @classmethod
+    def states_of(cls, spec: Any) -> tuple[Parameter, ...]:
+        """Return the parameters that the sensor adds to the errors of the INS, all of which are fed back."""
+        return ()
 
-        It is called at each epoch, so that the last reading is known at the end.
+    @classmethod
+    def fits(cls, states: Layout) -> bool:
+        """Return whether the errors x have the states that a reading shows."""
+        return True
+
+    def prepare(self) -> None:  # noqa: B027 - most have nothing to prepare
+        """Compute what is the same at all epochs."""
+
+    @abstractmethod
+    def value(self, s: State) -> Array:
+        """Return the reading at a state, (..., rows)."""
+
+    @abstractmethod
+    def slopes(self, s: State) -> dict[str, Array]:
+        """Return the derivatives (..., rows, k) of the reading that are not zero, by what it depends on.
+
+        These are "turn", which is a turn e of the axes, C -> (I + [e x]) C, then "vel", "away" and "rate", and parameters.
         """
-        ...
 
-    def read(self, obs: Observation, nav: NavState) -> tuple[NavState, Measurement | None]:
-        """Return the state ``nav`` of the INS with what a reading does to it directly, and the measurement there.
+    @abstractmethod
+    def noise(self) -> Array:
+        """Return the assumed variances of a reading, (rows,)."""
 
-        The measurement is None if no run has a reading.
-        """
-        ...
+    def told(self, obs: Observation, ins: Ins) -> tuple[Array, Mask]:
+        """Return the readings (..., rows) at the end of the epoch, and which components are there."""
+        value, valid = field_of(obs, self.name), field_of(obs, f"{self.name}_valid")
+        return value, np.broadcast_to(valid == 1, value.shape)
+
+    def rate(self, ins: Ins) -> Array:
+        """Return the rate that counts, (..., 3); here that at the end of the epoch."""
+        return ins.rate
+
+    def read(self, obs: Observation, ins: Ins) -> Measurement | None:
+        """Return the measurement at the end of an epoch; None if no run has a reading."""
+        reading, present = self.told(obs, ins)
+        if not present.any():
+            return None
+        own = {p.name: ins.own[p.name] for p in self.parameters}
+        hat = State(ins.C, ins.nav.vel, np.zeros_like(ins.nav.vel), self.rate(ins), own)
+        expected = self.value(hat)
+        z = np.where(present, expected - reading, 0.0)
+        return Measurement(z, Shown(self, hat, expected), np.diag(self.noise()), None, present)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a reading shows of the errors x, h(x), with its Jacobian."""
+
+    sensor: Sensor
+    hat: State  #: at the INS
+    expected: Array  #: (..., rows), reading at the INS
+
+    def __call__(self, x: Array) -> Array:
+        expected = self.expected[..., None, :] if self._points(x) else self.expected
+        return expected - self.sensor.value(self.without(x))
+
+    def jacobian(self, x: Array) -> Array:
+        """Return dh / dx (..., rows, n) at x (..., n)."""
+        states, phi = self.sensor.states, x[..., self.sensor.states["phi"]]
+        slopes = self.sensor.slopes(self.without(x))
+        J = np.zeros((*x.shape[:-1], self.sensor.rows, states.size))
+        if "turn" in slopes:
+            turn = attitude.misalignment_dcm(phi).mT @ attitude.misalignment_rate_matrix(phi)
+            J[..., states["phi"]] = -(slopes.pop("turn") @ turn)
+        for name, block in (("vel", "dv"), ("away", "dp"), ("rate", "gyro_bias")):
+            if name in slopes and block in states:
+                J[..., states[block]] = slopes.pop(name) * states.si[states[block]]
+        for p in self.sensor.parameters:
+            if p.name in slopes:
+                J[..., states[p.name]] = -slopes[p.name] * p.si
+        return J
+
+    def without(self, x: Array) -> State:
+        """Return the state of the INS without the errors x (..., n), or (..., points, n)."""
+        states, hat, si = self.sensor.states, self.hat, self.sensor.states.si
+        C, vel, rate, own = hat.C, hat.vel, hat.rate, hat.own
+        if self._points(x):
+            C, vel, rate = C[..., None, :, :], vel[..., None, :], rate[..., None, :]
+            own = {name: value[..., None, :] for name, value in own.items()}
+
+        def part(name: str) -> Array:
+            return x[..., states[name]] * si[states[name]]
+
+        vel = vel - part("dv")
+        return State(
+            attitude.misalignment_dcm(part("phi")).mT @ C,
+            vel,
+            -part("dp") if "dp" in states else np.zeros_like(vel),
+            rate - part("gyro_bias"),
+            {name: value + part(name) for name, value in own.items()},
+        )
+
+    def _points(self, x: Array) -> bool:
+        return x.ndim > self.hat.vel.ndim
+
+
+def field_of(obs: Observation, name: str) -> Array:
+    """Return a field of an observation that a task tells.
+
+    Raises:
+        ValueError: the observation does not have it.
+    """
+    if name not in obs:
+        raise ValueError(
+            f"an observation without {name!r}, of which the task tells; allowed: {name!r} and {name}_valid in each"
+        )
+    return np.asarray(obs[name])  # type: ignore[literal-required]
+
+
+def earth_rate(task: Task) -> Array:
+    """Return the earth rate in n at the site, (3,) rad/s."""
+    return np.asarray(earth.rate_n(earth.get(task.site.earth), task.site.latitude))

@@ -8,6 +8,7 @@ Equations: 000 (2.3.20); docs/mathematics/error_models.md#measurement and #lever
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from sins_env.kernels import kernel
 from sins_env.specs import GpsSpec
 from sins_env.states import FIX, Layout
 from sins_env.types import NavState, Observation, Task
+from solvers.pipeline.aiding.aid import Ins
 from solvers.pipeline.errors.model import Parameter
 from solvers.pipeline.strapdown import cross, end_rate
 from solvers.types import MISSING, Linear, Measurement, NoiseLaw
@@ -25,7 +27,12 @@ VERTICAL_TIME_CONSTANT_S = 5.0  #: time constant of the loop that pulls the vert
 
 
 class Gps:
-    """The fixes as an aid. A fix is compared with the velocity and place of the antenna that the INS computes."""
+    """The fixes as an aid. A fix is compared with the velocity and place of the antenna that the INS computes.
+
+    An INS waits for its first fix if it begins without a told attitude, and ``start`` makes its state of it.
+    """
+
+    name: ClassVar[str] = "gps"
 
     def __init__(self, task: Task, states: Layout) -> None:
         self._site, self._epoch_s = task.site.pos, task.epoch_s
@@ -34,7 +41,7 @@ class Gps:
         self._lever = np.asarray(task.gps.lever_arm_m) if any(task.gps.lever_arm_m) else None
         self._law, self._fix = noise_law(task.gps), Fix(states)
         rows = FIX.places(self._fix.shown)
-        self._R = task.prior.R[np.ix_(rows, rows)]
+        self._R, self.rows = task.prior.R[np.ix_(rows, rows)], len(rows)
         self._position, self._vertical = "dp" in states, states.only("dv").size == 3
         self._pull = min(self._epoch_s / VERTICAL_TIME_CONSTANT_S, 1.0)
         self._place: Array = np.full(3, np.nan)  # place of the antenna at the last fix of the coarse phase
@@ -58,21 +65,32 @@ class Gps:
         pos = np.where(np.isnan(pos), site, pos) if self._position else site
         return NavState(q_nb, vel * obs["gps_valid"], pos)
 
-    def read(self, obs: Observation, nav: NavState) -> tuple[NavState, Measurement | None]:
-        """Return the INS, with its vertical velocity slaved to the fixes unless it is a state, and INS minus fix."""
+    def hold(self, obs: Observation, nav: NavState) -> NavState:
+        """Return the INS, with its vertical velocity pulled towards a fix unless the error model has it as a state."""
+        if self._vertical:
+            return nav
+        valid = np.asarray(obs["gps_valid"][..., 0] == 1)
+        if not np.count_nonzero(valid):
+            return nav
+        off = self._off(obs, nav, self._at_antenna(obs, nav))
+        return NavState(nav.q_nb, _pulled(nav.vel, off, valid, self._pull), nav.pos)
+
+    def read(self, obs: Observation, ins: Ins) -> Measurement | None:
+        """Return INS minus fix; None if no run has a fix."""
         valid = np.asarray(obs["gps_valid"][..., 0] == 1)
         seen = np.count_nonzero(valid)
         if not seen:
-            return nav, None
-        arm, R = None if self._lever is None else self._arm(obs, nav.q_nb), self._R
-        off = self._off(obs, nav, arm)
-        if not self._vertical:
-            nav = NavState(nav.q_nb, _pulled(nav.vel, off, valid, self._pull), nav.pos)
-        residual = off[..., : len(R)]
+            return None
+        arm, R = self._at_antenna(obs, ins.nav), self._R
+        residual = self._off(obs, ins.nav, arm)[..., : self.rows]
         if seen < valid.size:
             residual = np.where(valid[..., None], residual, 0.0)
             R = R + np.where(valid, 0.0, MISSING)[..., None, None] * np.eye(len(R))
-        return nav, self._fix.measurement(residual, R, arm, self._law)
+        return self._fix.measurement(residual, R, arm, self._law)
+
+    def _at_antenna(self, obs: Observation, nav: NavState) -> Array | None:
+        """Return what ``_arm`` does; None without a lever arm."""
+        return None if self._lever is None else self._arm(obs, nav.q_nb)
 
     def _off(self, obs: Observation, nav: NavState, arm: Array | None) -> Array:
         """Return INS minus fix at the antenna: velocity m/s, and position m if the error model has states of it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import cast
+from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,19 @@ from sins_env.states import ERRORS, FIX, answered
 from sins_env.types import NavState, Observation, Task
 from solvers.filters.inputs import patterns
 from solvers.pipeline import feedback, switch_on
+from solvers.pipeline.aiding.aid import Ins
 from solvers.pipeline.aiding.gps import Gps, noise_law
+from solvers.pipeline.aiding.together import Aids, sensors, there, with_parameters
 from solvers.pipeline.bank import regimes, start
 from solvers.pipeline.bank.models import Models, propagate
-from solvers.pipeline.bank.slices import Frame, Slices, join, normalised, replaced, sum_by_run
+from solvers.pipeline.bank.slices import Frame, Slices, join, normalised, replaced, sum_by_run, taken
 from solvers.pipeline.errors.invariant import Invariant, Seen
 from solvers.pipeline.errors.model import Parameter
 from solvers.pipeline.errors.navigation import NavigationErrors
 from solvers.pipeline.strapdown import EpochMotion, Strapdown, StrapdownState, carried_sample
 from solvers.types import Gaussian, Health, Measurement
+
+T = TypeVar("T")
 
 TIDY_EVERY = 5  #: epochs from one merger of slices to the next
 OFFSET = "fix_offset"  #: name of the states of the offset of the fixes
@@ -49,12 +53,14 @@ class Episode:
         model, site = earth.get(task.site.earth), task.site.pos
         self._strapdown = Strapdown(model, task.epoch_s, task.n_sub, site, hold_position=not task.navigate)
         offset = (Parameter(OFFSET, 3, "m/s", std=0.0),)
-        self._errors = NavigationErrors(task.navigate, parameters=Gps.parameters(task) + offset)
+        self._errors = with_parameters(NavigationErrors(task.navigate), task, behind=Gps.parameters(task) + offset)
         states = self._errors.states
         self._offset, self._phi = states[OFFSET], states["phi"]
         self._coordinates = Invariant(model, site, states)
         self._frame = Frame(model, self._coordinates, self._errors, own=self._offset.start)
-        self._aid = Gps(task, states)
+        self._aid, self._aids = Gps(task, states), Aids(sensors(task, self._errors))
+        self._decay, self._rate_ie = self._errors.decay(task.epoch_s), earth.rate_n(model, task.site.latitude)
+        self._added = np.square([p.driven(task.epoch_s) / p.si for p in self._errors.parameters for _ in range(p.size)])
         self._models = Models(tuple((g, a) for g, a in imu_factors), fix_offsets)
         self._chain = self._models.chain(task.epoch_s)
         self._factors = np.array(fix_factors)
@@ -103,7 +109,7 @@ class Episode:
         added = Slices(
             run=np.repeat(runs, G),
             ins=ins._replace(nav=nav),
-            bias=np.zeros((N, 6)),
+            bias=np.zeros((N, self._frame.own.stop - self._frame.moving)),
             weight=np.tile(weights[:, None] * self._models.first, (len(runs), 1)),
             mean=np.repeat(x.mean[:, None], M, axis=1),
             cov=np.repeat(x.cov[:, None], M, axis=1),
@@ -129,12 +135,17 @@ class Episode:
         """Return the slices one epoch later."""
         rows, before = _rows(obs, s.run), s.ins.nav
         bias = self.task.epoch_s / self.task.n_sub * s.bias[:, None]
-        ins, motion = self._strapdown.advance(s.ins, rows["dtheta"] - bias[..., :3], rows["dvel"] - bias[..., 3:])
-        s = self._lose(self._predict(s._replace(ins=ins), motion, before))
+        dtheta, last = rows["dtheta"] - bias[..., :3], s.ins.last
+        ins, motion = self._strapdown.advance(s.ins, dtheta, rows["dvel"] - bias[..., 3:6])
+        s, of_epoch = self._lose(self._predict(s._replace(ins=ins), motion, before), (before, dtheta, last))
         rows = _rows(obs, s.run)
-        _, me = self._aid.read(rows, s.ins.nav)
+        me = self._aid.read(rows, self._ins(s, of_epoch))
         if me is not None:
-            s = self._lose(self._fix(s, me, np.flatnonzero(rows["gps_valid"][:, 0] == 1)))
+            s, of_epoch = self._lose(self._fix(s, me, np.flatnonzero(rows["gps_valid"][:, 0] == 1)), of_epoch)
+        if self._aids.aids:
+            me = self._aids.read(_rows(obs, s.run), self._ins(s, of_epoch))
+            if me is not None:
+                s, _ = self._lose(self._aided(s, me), of_epoch)
         if self._k % TIDY_EVERY == 0 and (s.run[1:] == s.run[:-1]).any():
             s = self._frame.tidy(s, self._runs)
         return s
@@ -146,6 +157,11 @@ class Episode:
         mixed = self._models.mix(s.weight, s.x, s.regimes, self._chain, self._offset)
         gyro = b.spread_noise(self._Q_gyro)  # the noise of the accelerometers stays as it is
         x = propagate(mixed.x, F, gyro, self._Q_accel, self._models.noise, self._frame.moving)
+        if self._decay is not None:  # what wanders, in the INS and in the models
+            own = slice(self._errors.core.size, None)
+            s = s._replace(bias=s.bias * self._decay[self._frame.moving : self._frame.own.stop])
+            x = Gaussian(x.mean * self._decay, x.cov * np.outer(self._decay, self._decay))
+            x.cov[..., own, own] += np.diag(self._added)
         return s._replace(weight=mixed.weight, mean=x.mean, cov=x.cov, regimes=mixed.regimes)
 
     def _fix(self, s: Slices, me: Measurement, seen: NDArray[np.int64]) -> Slices:
@@ -166,30 +182,61 @@ class Episode:
             s = self._corrected(s, nu[:, rows], H[:, rows], R[np.ix_(rows, rows)], seen[here])
         return s
 
-    def _corrected(self, s: Slices, nu: Array, H: Array, R: Array, seen: NDArray[np.int64]) -> Slices:
-        """Correct the slices at ``seen``, given INS minus fix nu (N, m) and H (N, m, n) at zero error, and R (m, m)."""
+    def _aided(self, s: Slices, me: Measurement) -> Slices:
+        """Return the slices after readings of aids, whose noise is as told, with their means fed back into the INS."""
+        z, H = Seen(self._coordinates.at(s.ins.nav), me.h).at_zero
+        nu, R = np.where(there(me), me.z - z, np.nan), me.R if me.R.ndim == 2 else me.R[0]
+        for rows, here in patterns(~np.isnan(nu)):
+            if rows.any():
+                seen = np.flatnonzero(here)
+                s = self._corrected(s, nu[:, rows], H[:, rows], R[np.ix_(rows, rows)], seen, as_told=True)
+        return s
+
+    def _ins(self, s: Slices, of_epoch: tuple[NavState, Array, Array | None]) -> Ins:
+        """Return what an aid may ask of the INS of each slice."""
+        before, dtheta, last = of_epoch
+        first = self._frame.moving
+        own = {
+            p.name: s.bias[:, self._errors.states[p.name].start - first : self._errors.states[p.name].stop - first]
+            for p in self._errors.parameters
+            if p.fed
+        }
+        return Ins(s.ins.nav, before, dtheta, last, self.task.epoch_s, self._rate_ie, own)
+
+    def _corrected(
+        self, s: Slices, nu: Array, H: Array, R: Array, seen: NDArray[np.int64], as_told: bool = False
+    ) -> Slices:
+        """Correct the slices at ``seen``, given INS minus fix nu (N, m) and H (N, m, n) at zero error, and R (m, m).
+
+        The noise is that of the regimes, or ``as_told``.
+        """
         every = len(seen) == len(s.run)
         part, nu, H = (s, nu, H) if every else (s.take(seen), nu[seen], H[seen])
-        p = regimes.ahead(part.regimes, self._rest)
         nu = nu[:, None] - part.mean @ H.mT
-        after = regimes.update(part.x, nu, H[:, None], R, p, self._factors, self._told)
+        if as_told:
+            p, one = np.ones((*part.weight.shape, 1)), np.ones(1)
+            after = regimes.update(part.x, nu, H[:, None], R, p, one, regimes.Cells(one, one))
+            after = after._replace(regimes=part.regimes)
+        else:
+            p = regimes.ahead(part.regimes, self._rest)
+            after = regimes.update(part.x, nu, H[:, None], R, p, self._factors, self._told)
         logs = np.log(part.weight, out=np.full(part.weight.shape, -np.inf), where=part.weight > 0.0)
         weight = normalised(logs + after.log_likelihood, part.run, self._runs)
         part = part._replace(weight=weight, mean=after.x.mean, cov=after.x.cov, regimes=after.regimes)
         part = self._frame.reset(part)
         return part if every else s.put(seen, part)
 
-    def _lose(self, s: Slices) -> Slices:
-        """Drop slices that are not finite; a run without any is lost."""
+    def _lose(self, s: Slices, beside: T) -> tuple[Slices, T]:
+        """Drop slices that are not finite, and what is ``beside`` them; a run without any is lost."""
         parts = (s.mean, s.cov, s.weight)
         if all(math.isfinite(np.add.reduce(part, axis=None)) for part in parts):
-            return s
+            return s, beside
         well = np.all([np.isfinite(part).reshape(len(part), -1).all(axis=-1) for part in parts], axis=0)
         self._failed_at[np.setdiff1d(s.run, s.run[well])] = self._k
         touched = np.isin(np.arange(self._runs), s.run[~well])
         s = s.take(well)
         total = np.where(touched, sum_by_run(s.weight.sum(axis=-1), s.run, self._runs), 1.0)
-        return s._replace(weight=s.weight / total[s.run][:, None])
+        return s._replace(weight=s.weight / total[s.run][:, None]), taken(beside, well)
 
     def _answer(self) -> Array:
         """Return the corrected state of each run; a run that is lost keeps its last one."""

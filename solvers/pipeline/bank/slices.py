@@ -25,7 +25,6 @@ from solvers.blocks.mixtures import collapse
 from solvers.pipeline.bank.models import carried
 from solvers.pipeline.errors.group_slopes import right_jacobian
 from solvers.pipeline.errors.invariant import Invariant
-from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT
 from solvers.pipeline.errors.navigation import NavigationErrors
 from solvers.pipeline.strapdown import StrapdownState
 from solvers.types import Gaussian, Innovation
@@ -39,7 +38,7 @@ class Slices(NamedTuple):
 
     run: NDArray[np.int64]  #: (N,), run of each slice, in ascending order
     ins: StrapdownState  #: (N, ...)
-    bias: Array  #: (N, 6), gyro rad/s and accelerometer m/s^2, fed back so far
+    bias: Array  #: (N, 6 + p), gyro rad/s, accelerometer m/s^2, and p parameters of aids in SI units, fed back so far
     weight: Array  #: (N, M), which sum to one in each run
     mean: Array  #: (N, M, n)
     cov: Array  #: (N, M, n, n)
@@ -52,18 +51,20 @@ class Slices(NamedTuple):
 
     def take(self, index: NDArray[Any]) -> Slices:
         """Return the slices at ``index`` (K,), or those of a mask (N,)."""
-        return cast(Slices, _taken(self, index))
+        return cast(Slices, taken(self, index))
 
     def put(self, index: NDArray[Any], other: Slices) -> Slices:
         """Return these slices with those at ``index`` replaced by ``other``, which has as many."""
         return cast(Slices, replaced(self, index, other))
 
 
-def _taken(part: Any, index: NDArray[Any]) -> Any:
+def taken(part: Any, index: NDArray[Any]) -> Any:
+    """Return the rows at ``index`` of an array; of a tuple of arrays, or of such tuples, part by part."""
     if part is None:
         return None
     if isinstance(part, tuple):
-        return type(part)(*(_taken(one, index) for one in part))
+        parts = (taken(one, index) for one in part)
+        return type(part)(*parts) if hasattr(part, "_fields") else tuple(parts)
     return part[index]
 
 
@@ -180,8 +181,8 @@ class Frame:
         self.own = slice(0, own)  #: states of the INS itself; an offset of the fixes follows
         states = errors.states
         self.moving = states["gyro_bias"].start  #: number of states that an epoch changes, which come first
-        self._biases = states.span("gyro_bias", "accel_bias")
-        self._units = np.repeat([GYRO_UNIT, ACCEL_UNIT], 3)
+        self._biases = slice(self.moving, own)  # and parameters of aids
+        self._units = states.si[self._biases]
 
     def reset(self, s: Slices) -> Slices:
         """Feed the mean of each slice over its models back into its INS."""

@@ -114,12 +114,13 @@ def _advance(
 class AlignmentMap:
     """The map from ten errors x to those after the epoch, for (*batch, n) and, with sigma points, (*batch, points, n).
 
-    The parameters of aids, which follow the ten, are constant.
+    The parameters of aids, which follow the ten, are constant but for the factors ``decay`` (n,).
     """
 
     temporaries = 0  #: number of arrays of the size of x that a call makes beside its result
 
-    def __init__(self, motion: EpochMotion, exact: bool, body_biases: bool) -> None:
+    def __init__(self, motion: EpochMotion, exact: bool, body_biases: bool, decay: Array | None = None) -> None:
+        self._decay = decay
         self._ndim = motion.dvel_n.ndim
         C = motion.C if body_biases else np.eye(3)
         self._epoch = motion.dvel_n, motion.vel, C, motion.rate_ie, motion.rate_en, motion.transport, motion.dt, exact
@@ -128,7 +129,7 @@ class AlignmentMap:
         if x.ndim == self._ndim:
             return self(x[..., None, :])[..., 0, :]
         out: Array = _advance(x, *self._epoch)
-        return out
+        return out if self._decay is None else out * self._decay
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,8 @@ class AlignmentErrors(ErrorModel):
     fed = ("dv",)
 
     def transition(self, motion: EpochMotion, Q: Array) -> Transition:
-        return Transition(AlignmentMap(motion, self.exact, self.body_biases), Q, None, motion.dt)
+        decay = self.decay(motion.dt)
+        return Transition(AlignmentMap(motion, self.exact, self.body_biases, decay), Q, None, motion.dt)
 
     def corrected(self, model: Earth, nav: NavState, x: Array) -> NavState:
         q_nb, vel = _corrected(nav.q_nb, nav.vel, x)

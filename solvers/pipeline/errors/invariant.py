@@ -193,6 +193,8 @@ class Growth(Tangent):
     @cached_property
     def at_zero(self) -> tuple[Array, Array]:
         F = self.after.growth(self.before, self.g.motion)
+        if self.g.decay is not None:  # of parameters, whose rows are those of the identity
+            F = F * self.g.decay[:, None]
         return np.zeros(F.shape[:-1]), F
 
 

@@ -8,6 +8,7 @@ Equations: docs/mathematics/error_models.md#epoch-map.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -31,16 +32,26 @@ GYRO_UNIT = DEG_PER_H  #: rad/s in one unit of eps
 
 @dataclass(frozen=True)
 class Parameter(Block):
-    """States that an aid adds to the errors of the INS: constants with a told standard deviation."""
+    """States that an aid adds to the errors of the INS: constants, or first-order Gauss-Markov processes."""
 
-    std: float = field(kw_only=True)  #: standard deviation at the start, in SI units
+    std: float = field(kw_only=True)  #: standard deviation at the start, in SI units; a process keeps it
+    time_constant_s: float = field(default=math.inf, kw_only=True)  #: correlation time; inf: a constant
+    fed: bool = field(default=False, kw_only=True)  #: whether the aid takes the estimate over when it is fed back
+
+    def decay(self, epoch_s: float) -> float:
+        """Return the factor of an epoch."""
+        return math.exp(-epoch_s / self.time_constant_s)
+
+    def driven(self, epoch_s: float) -> float:
+        """Return the standard deviation of what an epoch adds, in SI units."""
+        return self.std * math.sqrt(-math.expm1(-2.0 * epoch_s / self.time_constant_s))
 
 
 @dataclass(frozen=True)
 class ErrorModel(ABC):
     """What the pipeline needs of an error model: its states by name, and transitions for a filter.
 
-    The ``parameters`` of aids follow the states of the model and are constant.
+    The ``parameters`` of aids follow the states of the model, which do not drive them. Those that are fed back come first.
     """
 
     core: ClassVar[Layout]  #: the model's own states
@@ -72,7 +83,21 @@ class ErrorModel(ABC):
 
     def noise(self, prior: Prior) -> Array:
         """Return the told Q (n, n) of one epoch."""
-        return self._told(prior.Q)
+        return self._told(prior.Q, self._driven(prior.epoch_s))
+
+    def _driven(self, epoch_s: float) -> list[float]:
+        return [p.driven(epoch_s) for p in self.parameters]
+
+    def decay(self, epoch_s: float) -> Array | None:
+        """Return the factors (n,) of the states over an epoch beside the model; None if all parameters are constant."""
+        if all(math.isinf(p.time_constant_s) for p in self.parameters):
+            return None
+        return np.concatenate([np.ones(self.core.size), *(np.full(p.size, p.decay(epoch_s)) for p in self.parameters)])
+
+    @property
+    def fed_parameters(self) -> tuple[str, ...]:
+        """Names of the parameters that are fed back."""
+        return tuple(p.name for p in self.parameters if p.fed)
 
     def _told(self, full: Array, std: Sequence[float] | None = None) -> Array:
         """Turn a covariance of ERRORS into one of the model's states; parameters have the deviations ``std`` (SI) or none."""

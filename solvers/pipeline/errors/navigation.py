@@ -122,13 +122,14 @@ def _advance(
 class NavigationMap:
     """The map from errors x to those after the epoch, for (*batch, n) and, with sigma points, (*batch, points, n).
 
-    The errors are fifteen, or twelve without position. The parameters of aids, which follow them, are constant.
+    The errors are fifteen, or twelve without position. The parameters of aids, which follow them, are constant
+    but for the factors ``decay`` (n,).
     """
 
     temporaries = 0  #: number of arrays of the size of x that a call makes beside its result
 
-    def __init__(self, motion: EpochMotion, states: Layout) -> None:
-        self.motion = motion
+    def __init__(self, motion: EpochMotion, states: Layout, decay: Array | None = None) -> None:
+        self.motion, self.decay = motion, decay
         self._ndim, self._position = motion.dvel_n.ndim, "dp" in states
 
     def __call__(self, x: Array) -> Array:
@@ -138,7 +139,7 @@ class NavigationMap:
         out: Array = _advance(
             x, m.C, m.dvel_n, m.vel, m.rate_ie, m.rate_en, m.transport, m.gravity_slope, m.dt, self._position
         )
-        return out
+        return out if self.decay is None else out * self.decay
 
 
 @helper
@@ -224,17 +225,17 @@ class NavigationErrors(ErrorModel):
 
     @property
     def fed(self) -> tuple[str, ...]:  # type: ignore[override]
-        return self.core.without("phi").names
+        return (*self.core.without("phi").names, *self.fed_parameters)
 
     def noise(self, prior: Prior) -> Array:
         """Return Q (n, n) of one epoch; white acceleration of density q gives dv and dp q [T, T^2/2; T^2/2, T^3/3]."""
         Q, T, dv, dp = prior.Q.copy(), prior.epoch_s, ERRORS["dv"], ERRORS["dp"]
         Q[dv, dp] = Q[dp, dv] = 0.5 * T * prior.Q[dv, dv]
         Q[dp, dp] = T * T / 3 * prior.Q[dv, dv]
-        return self._told(Q)
+        return self._told(Q, self._driven(T))
 
     def transition(self, motion: EpochMotion, Q: Array) -> Transition:
-        return Transition(NavigationMap(motion, self.states), Q, None, motion.dt)
+        return Transition(NavigationMap(motion, self.states, self.decay(motion.dt)), Q, None, motion.dt)
 
     def corrected(self, model: Earth, nav: NavState, x: Array) -> NavState:
         pos = earth.displace(model, nav.pos, -x[..., DP]) if self.position else nav.pos

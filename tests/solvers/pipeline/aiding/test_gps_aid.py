@@ -12,6 +12,7 @@ import sins_env  # noqa: F401
 from sins_env import attitude, earth
 from sins_env.types import NavState
 from solvers.filters import make_filter
+from solvers.pipeline.aiding.aid import Ins
 from solvers.pipeline.aiding.gps import VERTICAL_TIME_CONSTANT_S, Gps
 from solvers.pipeline.errors.alignment import AlignmentErrors
 from solvers.pipeline.errors.model import Parameter
@@ -46,12 +47,16 @@ def fixes(task, runs):
     return {**obs, "dtheta": np.repeat(rate, task.n_sub, axis=1)}, nav
 
 
+def read(gps, obs, nav):
+    return gps.read(obs, Ins(nav, nav, obs["dtheta"], None, 0.1, np.zeros(3)))
+
+
 @pytest.mark.parametrize("errors", [AlignmentErrors(), NavigationErrors(position=False), NavigationErrors()])
 @pytest.mark.parametrize("arm", [(0.0, 0.0, 0.0), (1.0, -2.0, 0.5)])
 def test_a_measurement_is_the_ins_less_the_fix_at_the_antenna(task, errors, arm):
     """As many components as the states show: two, three or six."""
     obs, nav = fixes(task, 5)
-    _, me = Gps(with_arm(task, *arm), errors.states).read(obs, nav)
+    me = read(Gps(with_arm(task, *arm), errors.states), obs, nav)
     C = attitude.to_dcm(nav.q_nb)
     rate = obs["dtheta"].sum(axis=1) / task.epoch_s - C.mT @ earth.rate_n(MODEL, task.site.latitude)
     vel = nav.vel + (C @ np.cross(rate, arm)[..., None])[..., 0] - obs["gps_vel"]
@@ -66,7 +71,7 @@ def test_a_measurement_is_the_ins_less_the_fix_at_the_antenna(task, errors, arm)
 def test_the_jacobian_of_an_antenna(task, errors):
     """Against central differences, for runs and for points of each run."""
     obs, nav = fixes(task, 5)
-    _, me = Gps(with_arm(task, 1.0, -2.0, 0.5), errors.states).read(obs, nav)
+    me = read(Gps(with_arm(task, 1.0, -2.0, 0.5), errors.states), obs, nav)
     x = 0.5 * np.random.default_rng(4).standard_normal((5, 3, errors.states.size))
     step = 1e-6 * np.eye(errors.states.size)
     expected = np.stack([(me.h(x + d) - me.h(x - d)) / 2e-6 for d in step], axis=-1)
@@ -79,14 +84,14 @@ def test_runs_without_a_fix(task):
     obs, nav = fixes(task, 3)
     gps = Gps(task, NavigationErrors().states)
     obs["gps_valid"][1] = 0
-    _, me = gps.read(obs, nav)
+    me = read(gps, obs, nav)
     np.testing.assert_array_equal(me.z[1], 0.0)
     assert me.R[1, 0, 0] >= MISSING > me.R[0, 0, 0]
     obs["gps_valid"][:] = 0
     for errors in (NavigationErrors(), AlignmentErrors()):
-        after, me = Gps(task, errors.states).read(obs, nav)
-        assert after is nav
-        assert me is None
+        gps = Gps(task, errors.states)
+        assert gps.hold(obs, nav) is nav
+        assert read(gps, obs, nav) is None
 
 
 @pytest.mark.parametrize("arm", [(0.0, 0.0, 0.0), (1.0, -2.0, 0.5)])
@@ -94,8 +99,9 @@ def test_a_vertical_velocity_that_is_no_state_is_held(task, arm):
     obs, nav = fixes(task, 3)
     obs["gps_valid"][1] = 0
     told = with_arm(task, *arm)
-    held, two = Gps(told, AlignmentErrors().states).read(obs, nav)
-    free, three = Gps(told, NavigationErrors(position=False).states).read(obs, nav)
+    ten, twelve = (Gps(told, errors.states) for errors in (AlignmentErrors(), NavigationErrors(position=False)))
+    held, free = ten.hold(obs, nav), twelve.hold(obs, nav)
+    two, three = (read(gps, obs, nav) for gps in (ten, twelve))
     moved = three.z[:, 2] * task.epoch_s / VERTICAL_TIME_CONSTANT_S
     np.testing.assert_allclose(nav.vel[:, 2] - held.vel[:, 2], moved, atol=1e-14)
     np.testing.assert_array_equal(held.vel[:, :2], nav.vel[:, :2])
@@ -114,15 +120,15 @@ class OffsetGps(Gps):
     def parameters(task):
         return (Parameter("gps.offset", 3, "cm/s", 0.01, std=0.5),)
 
-    def read(self, obs, nav):
-        nav, me = super().read(obs, nav)
+    def read(self, obs, ins):
+        me = super().read(obs, ins)
 
         def h(x):
             shown = me.h(x).copy()
             shown[..., :3] -= 0.01 * x[..., self.offset]
             return shown
 
-        return nav, me and me._replace(h=h)
+        return me and me._replace(h=h)
 
 
 class OffsetNavigator(Navigator):

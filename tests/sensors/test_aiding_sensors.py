@@ -1,0 +1,126 @@
+"""Aiding sensors in a world: their readings against own formulas, their fields, and that they leave each other alone."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import sins_env  # noqa: F401
+from sins_env import attitude, earth
+from sins_env.by_name import classes
+from sins_env.sensors.aids import Sensor, specs
+
+#: At 15 m/s through turns of 12 deg/s, from the first second on.
+SEGMENTS = [[1, 1], [2, 0, 1, 0, 0, 12], [17, 0, 0, 0, 12]]
+TURNS = {"latitude_deg": 34.0, "longitude_deg": 108.0, "height_m": 50.0, "speed_mps": 15.0, "segments": SEGMENTS}
+FLIGHT = {"id": "SINS/NavFlight-v0", "profile": TURNS}
+ALL = {name: {} for name in classes("sins_env.sensors", Sensor)}
+QUIET = {
+    "odometer": {"noise_mps": 0.0, "scale_ppm": 0.0, "mounting_mrad": 0.0, "lever_arm_m": [0.5, -1.0, 0.3]},
+    "dvl": {"noise_mps": 0.0, "scale_ppm": 0.0, "mounting_mrad": 0.0, "lever_arm_m": [0.5, -1.0, 0.3]},
+    "heading": {"noise_m": 0.0, "mounting_deg": 0.0, "baseline_m": [0.2, 1.0, 0.1]},
+    "magnetometer": {"noise_ut": 0.0, "hard_iron_ut": 0.0, "declination_deg": 0.0, "field_ut": [-2.0, 30.0, -40.0]},
+    "height": {"noise_m": 0.0, "bias_m": 0.0},
+    "depth": {"noise_m": 0.0, "bias_m": 0.0},
+}
+
+
+def play(aids, epochs=20, runs=3, **more):
+    """Observations and true states of the first epochs, (epochs, runs, ...) by name."""
+    env = gymnasium.make_vec(num_envs=runs, reveal_truth=True, aids=aids, **{**FLIGHT, **more})
+    obs, info = env.reset(seed=4)
+    seen, truth, action = [obs], [info["truth"]], np.zeros((runs, 10))
+    for _ in range(epochs - 1):
+        obs, _, _, _, info = env.step(action)
+        seen.append(obs)
+        truth.append(info["truth"])
+    truth.append(env.step(action)[4]["truth"])
+    stack = lambda parts: {name: np.stack([part[name] for part in parts]) for name in parts[0] if name[0] != "_"}  # noqa: E731
+    return stack(seen), stack(truth), env
+
+
+def test_readings_without_errors():
+    """From the true states alone, with rotations and rates by differences of attitudes; the reading of an odometer is a mean."""
+    obs, truth, env = play(QUIET, epochs=80, runs=1)
+    C, (vel, pos) = attitude.to_dcm(truth["q_nb"]), (truth[name] for name in ("vel", "pos"))
+    T, model = env.unwrapped.task.epoch_s, earth.get("wgs84")
+    through = np.einsum("...ji,...j", C, vel)
+    turned = C[:-1].mT @ C[1:]  # by the rate over the epoch, in n as good as at rest
+    rate = np.stack([turned[..., 2, 1], turned[..., 0, 2], turned[..., 1, 0]], axis=-1) / T
+    transport = np.matmul(earth.transport_matrix(model, pos[:-1, :, 0]), vel[:-1, ..., None])[..., 0]
+    arm = np.cross(rate + np.einsum("...ji,...j", C[:-1], transport), [0.5, -1.0, 0.3])
+    middle = 0.5 * (through[1:] + through[:-1]) + arm
+    np.testing.assert_allclose(obs["odometer"][..., 0] / T, middle[..., 1], atol=2e-3)
+    late = 0.5 * (arm[1:] + arm[:-1])  # at the end of an epoch
+    still = slice(35, None)  # the rates of this flight jump before
+    np.testing.assert_allclose(obs["dvl"][:-1][still], (through[1:-1] + late)[still], atol=1e-3)
+    np.testing.assert_allclose(obs["heading"], C[1:] @ [0.2, 1.0, 0.1], atol=1e-12)
+    np.testing.assert_allclose(obs["magnetometer"] * 1e6, C[1:].mT @ [-2.0, 30.0, -40.0], atol=1e-9)
+    np.testing.assert_allclose(obs["height"][..., 0], pos[1:, :, 2], atol=1e-9)
+    np.testing.assert_array_equal(obs["depth"], -obs["height"])
+    assert np.ptp(C[:, 0, 1, 1]) > 0.3  # it did turn
+
+
+def test_the_car_keeps_to_its_constraint_in_axes_that_the_imu_does_not_have():
+    obs, truth, _ = play({"odometer": {"mounting_mrad": 20.0, "noise_mps": 0.0, "scale_ppm": 0.0}})
+    y = np.einsum("...ji,...j", attitude.to_dcm(truth["q_nb"]), truth["vel"])
+    angles = y[1:, :, [0, 2]] / y[1:, :, 1:2]
+    assert np.abs(angles[0]).max() > 1e-3
+    np.testing.assert_allclose(angles, np.broadcast_to(angles[:1], angles.shape), atol=1e-6)
+    speed = np.linalg.norm(y, axis=-1)
+    np.testing.assert_allclose(obs["odometer"][..., 0] / 0.1, 0.5 * (speed[1:] + speed[:-1]), rtol=1e-6)
+
+
+def test_a_sensor_changes_nothing_of_another():
+    few, many = {"dvl": "water", "height": {}}, {**ALL, "dvl": "water", "odometer": {"mounting_mrad": 0.0}}
+    alone, together, without = (play(aids)[0] for aids in (few, many, ()))
+    assert {*together} - {*alone} == {f"{name}{mark}" for name in {*ALL} - {*few} for mark in ("", "_valid")}
+    for name, value in without.items():
+        np.testing.assert_array_equal(value, alone[name])
+    for name in set(alone) - {"dtheta", "dvel"}:  # whose last bit the turn by zero angles may change
+        np.testing.assert_array_equal(alone[name], together[name])
+
+
+def test_rates_outages_and_rows():
+    """A row of the vector environment has the bits of the environment alone, whether there is a reading or not."""
+    aids = {**ALL, "dvl": {"rate_hz": 5.0, "outages_s": [[0.5, 1.0]]}, "odometer": "abs-48"}
+    obs, _, env = play(aids)
+    valid = obs["dvl_valid"][:, 0, 0]
+    np.testing.assert_array_equal(valid, [t % 2 == 0 and not 5 < t <= 10 for t in range(1, 21)])
+    assert not obs["dvl"][valid == 0].any()
+    assert obs["dvl"][valid == 1].all()
+    pulses = obs["odometer"] / (1.95 / 48)
+    np.testing.assert_allclose(pulses, np.round(pulses), atol=1e-9)
+    assert [spec.outages_s for spec in env.unwrapped.task.aids] == [()] * len(aids)
+    one = gymnasium.make(aids=aids, **FLIGHT)
+    first, _ = one.reset(seed=6)
+    for name, value in first.items():
+        np.testing.assert_array_equal(value, obs[name][0, 2])
+
+
+@pytest.mark.filterwarnings("ignore:.*symmetric and normalized space.*:UserWarning")
+def test_check_env():
+    for env in (gymnasium.make("SINS/AlignSway-v0", duration=2.0, aids=ALL), gymnasium.make(aids=ALL, **FLIGHT)):
+        check_env(env.unwrapped, skip_render_check=True)
+
+
+@pytest.mark.parametrize(
+    ("aids", "said"),
+    [
+        ({"odo": {}}, "unknown aid 'odo'; did you mean 'odometer'"),
+        ({"dvl": "botom"}, "unknown dvl preset 'botom'; did you mean 'bottom'"),
+        ({"dvl": {"noise": 1}}, "did you mean 'noise_mps'"),
+        ({"dvl": {"rate_hz": 3.0}}, "dvl rate 3 Hz with epochs of 0.1 s"),
+        ({"heading": {"baseline_m": [0, 0, 0]}}, "a vector of at least 0.01 m"),
+        ("dvl", "aids = 'dvl'; allowed: a dict"),
+    ],
+)
+def test_what_is_refused(aids, said):
+    with pytest.raises(ValueError, match=said):
+        gymnasium.make(aids=aids, **FLIGHT)
+
+
+def test_presets():
+    for cls in classes("sins_env.sensors", Sensor).values():
+        for preset in cls.specification.presets:
+            assert specs({cls.name: preset})[0].name == cls.name
