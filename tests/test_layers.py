@@ -13,7 +13,7 @@ SOURCES = sorted((ROOT / "sins_env").rglob("*.py")) + sorted((ROOT / "solvers").
 LAYERS = (
     ("sins_env.arrays", "sins_env.moved", "sins_env.units", "sins_env.__version__", "sins_env._COMMAND"),
     ("sins_env.kernels",),
-    ("sins_env.by_name", "sins_env.checks", "sins_env.presets", "sins_env.reading", "sins_env.writing"),
+    ("sins_env.checks", "sins_env.presets", "sins_env.reading", "sins_env.writing"),
     ("sins_env.earth", "sins_env.attitude", "sins_env.specs", "sins_env.states"),
     ("sins_env.prior",),
     ("sins_env.types",),
@@ -43,7 +43,6 @@ LAYERS = (
 SHARED = (
     "sins_env.arrays",
     "sins_env.attitude",
-    "sins_env.by_name",
     "sins_env.checks",
     "sins_env.earth",
     "sins_env.kernels",

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sins_env import attitude, checks, earth
 from sins_env.arrays import Array, Mask, Rngs
-from sins_env.by_name import find
+from sins_env.checks import find
 from sins_env.motion import Motion
 from sins_env.sensors.gps import epochs_per_fix, received
 from sins_env.sensors.imu import GaussMarkov, standard_normal

@@ -7,7 +7,7 @@ from gymnasium.utils.env_checker import check_env
 
 import sins_env  # noqa: F401
 from sins_env import attitude, earth
-from sins_env.by_name import classes
+from sins_env.checks import classes
 from sins_env.sensors.aids import Sensor, specs
 
 #: At 15 m/s through turns of 12 deg/s, from the first second on.

@@ -14,7 +14,7 @@ import numpy as np
 
 from sins_env import attitude
 from sins_env.arrays import Array
-from sins_env.by_name import find
+from sins_env.checks import find
 from sins_env.states import Block
 
 

@@ -127,7 +127,9 @@ class _Drawn:
         data = self._world.epoch(self._k)
         motion: Motion = self._kept.last
         j = self._k - 1 - self._world.first_epoch
-        pairs = zip((data.measured["dtheta"], data.measured["dvel"]), (motion.dtheta, motion.dvel), self._swapped, strict=True)
+        pairs = zip(
+            (data.measured["dtheta"], data.measured["dvel"]), (motion.dtheta, motion.dvel), self._swapped, strict=True
+        )
         dtheta, dvel = ((measured - true[:, j]).sum(axis=1) + added for measured, true, added in pairs)
         vel, pos = motion.state.vel[:, j], motion.state.pos[:, j]
         if self._lever.any():

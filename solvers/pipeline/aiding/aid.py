@@ -73,7 +73,7 @@ class Aid(Protocol):
 
 
 class State(NamedTuple):
-    """Where a sensor is: at the INS, or at the INS without some errors."""
+    """The state of a sensor: that of the INS, or that of the INS without some errors."""
 
     C: Array  #: (..., 3, 3) attitude
     vel: Array  #: (..., 3) m/s E, N, U

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from sins_env.arrays import Array
-from sins_env.by_name import find
+from sins_env.checks import find
 from sins_env.types import Observation, Task
 from solvers.blocks.conditioning import gate_limit
 from solvers.blocks.moments import Linearized, moments, tangent, transform

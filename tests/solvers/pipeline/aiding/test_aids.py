@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import sins_env  # noqa: F401
 import solvers
 from sins_env import attitude, earth
-from sins_env.by_name import classes
+from sins_env.checks import classes
 from sins_env.evaluation.bound.aids import Instant, term
 from sins_env.sensors.aids import Sensor, specs
 from sins_env.states import ERRORS
