@@ -41,17 +41,25 @@ def tria(M: Array) -> Array:
     return S * np.where(np.diagonal(S, axis1=-2, axis2=-1) < 0, -1.0, 1.0)[..., None, :]
 
 
-def without_known(S: Array) -> tuple[Array, Mask | None]:
-    """Return a lower root (..., m, m) with a zero pivot where rounding alone has left one, and a mask (...) of these runs.
+def without_known(S: Array, rounding: float = KNOWN) -> tuple[Array, Mask | None]:
+    """Return a lower root (..., m, m) without the components that follow from those before them, and a mask (...) of these runs.
 
-    Such a component follows from those before it, and hence gets no gain.
+    Their pivots are at most ``rounding`` of their rows. Their rows and columns become zero, so that they get no gain.
     """
     size = np.sqrt(np.square(S).sum(axis=-1))
     pivot = np.abs(np.diagonal(S, axis1=-2, axis2=-1))
-    known: Mask = (pivot <= KNOWN * size) & (size > 0.0)
+    known: Mask = (pivot <= rounding * size) & (size > 0.0)
     if not known.any():
         return S, None
-    return np.where(known[..., None] & np.eye(S.shape[-1], dtype=bool), 0.0, S), np.asarray(known.any(axis=-1))
+    runs = np.asarray(known.any(axis=-1))
+    order = np.argsort(known[runs], axis=-1, kind="stable")  # the others first, in their order
+    rest = np.where(known[runs][..., None], 0.0, S[runs])
+    root = tria(np.take_along_axis(rest, order[..., None], axis=-2))
+    back = np.argsort(order, axis=-1)
+    root = np.take_along_axis(np.take_along_axis(root, back[..., None], axis=-2), back[..., None, :], axis=-1)
+    out = S.copy()
+    out[runs] = root
+    return out, runs
 
 
 def cholesky(P: Array) -> tuple[Array, Mask | None]:

@@ -26,10 +26,18 @@ Shape = tuple[int, ...]
 
 
 class _Sound:
-    """The matrices (n, n) that were last found sound. Models often tell the same ones at each step, which saves the search."""
+    """The bytes of the matrices (n, n) that were last found sound. Models often tell the same at each step, which saves the search.
 
-    Q: Array | None = None  #: a covariance
-    R: Array | None = None  #: a covariance without missing components
+    An array is compared by its numbers, because its owner may have changed them.
+    """
+
+    Q = b""  #: a covariance
+    R = b""  #: a covariance without missing components
+
+
+def _is_sound(P: Any, n: int, sound: bytes) -> bool:
+    """Return whether a matrix holds the numbers (n, n) that were found sound."""
+    return type(P) is np.ndarray and P.shape == (n, n) and P.dtype == np.float64 and P.tobytes() == sound
 
 
 def checked_transition(tr: Transition, batch: Shape, n: int) -> Transition:
@@ -39,9 +47,9 @@ def checked_transition(tr: Transition, batch: Shape, n: int) -> Transition:
         ValueError: a shape that does not fit, a Q that is no covariance, or a negative dt.
     """
     f, Q, G, dt = tr
-    if Q is not _Sound.Q or Q.shape != (n, n):
+    if not _is_sound(Q, n, _Sound.Q):
         Q = covariance("Q", Q, batch, n)
-        _Sound.Q = Q if Q.ndim == 2 else None
+        _Sound.Q = Q.tobytes() if Q.ndim == 2 else b""
     if dt is not None and not dt >= 0.0:
         raise ValueError(f"dt = {dt!r}: needed the seconds of the epoch, >= 0, or None")
     if G is not None and (np.ndim(G) != 2 or np.shape(G)[0] != n):
@@ -78,11 +86,11 @@ def checked_measurement(me: Measurement, batch: Shape, n: int) -> Measurement:
     if turns is not None:
         turns = _vector("turns", turns, (), m, bool)
     there = None
-    if R is not _Sound.R or R.shape != (m, m) or not math.isfinite(np.vdot(z, z)):
+    if not _is_sound(R, m, _Sound.R) or not math.isfinite(np.vdot(z, z)):
         R = square("R", R, batch, m)
         found = _found(z, R)
         if not np.count_nonzero(found):
-            _Sound.R = R if R.ndim == 2 else None
+            _Sound.R = R.tobytes() if R.ndim == 2 else b""
         elif np.count_nonzero(found == IMPROPER):
             _refuse_covariance("R", R)
         else:

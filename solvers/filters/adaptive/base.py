@@ -141,6 +141,12 @@ class AdaptiveFilter(GaussianFilter[Any]):
         """Correct with the noise in use, which is in ``me``."""
         return super().correct(b, me)
 
+    def checked(self, b: Any, tr: Transition, me: Measurement | None) -> tuple[Transition, Measurement | None]:
+        tr, me = super().checked(b, tr, me)
+        if me is not None and ("R" in self.adapted or "r" in self.adapted) and (b.fixes > self.k0).any():
+            refuse_another_size(me, b.noise.v.mean.shape[-1])
+        return tr, me
+
     def predict(self, b: AdaptiveBelief, tr: Transition) -> AdaptiveBelief:
         told = Told.by(tr)
         w = self._believed_w(b, told)
@@ -272,6 +278,19 @@ class AdaptiveFilter(GaussianFilter[Any]):
 
     def _indefinite(self, part: str, cov: Array) -> Mask | None:
         return indefinite(cov) if self.project == "none" and part in self.adapted else None
+
+
+def refuse_another_size(me: Measurement, learnt: int) -> None:
+    """Refuse a fix of another size than those whose noise has been learnt.
+
+    Raises:
+        ValueError: the size differs.
+    """
+    if me.z.shape[-1] != learnt:
+        raise ValueError(
+            f"z has {me.z.shape[-1]} components, and the noise of {learnt} has been learnt: needed z, h and R of the same {learnt}"
+            " at each fix, with those that it lacks marked by `present`, or settings that learn no noise of fixes"
+        )
 
 
 def _memory(elements: Array, past: Array) -> Array:

@@ -42,11 +42,12 @@ from solvers.blocks.conditioning import condition, inverse_lower
 from solvers.blocks.moments import SigmaPoints, moments
 from solvers.blocks.sigma_rules import Cubature
 from solvers.blocks.square_root import cholesky, either
+from solvers.filters.adaptive.base import refuse_another_size
 from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter, initial_belief
 from solvers.filters.relations import Relation
 from solvers.registry import register
-from solvers.types import Gaussian, Health, Innovation, Measurement
+from solvers.types import Gaussian, Health, Innovation, Measurement, Transition
 
 ADAPT = ("QR", "Q", "R", "none")
 
@@ -100,6 +101,12 @@ class VBCKF(GaussianFilter[VariationalBelief]):
         b = initial_belief(prior)
         batch = b.mean.shape[:-1]
         return VariationalBelief(*b, np.zeros((*batch, 1, 1)), np.full(batch, 1.0 / self.k0))
+
+    def checked(self, b: Any, tr: Transition, me: Measurement | None) -> tuple[Transition, Measurement | None]:
+        tr, me = super().checked(b, tr, me)
+        if me is not None and b.excess.any():
+            refuse_another_size(me, b.excess.shape[-1])
+        return tr, me
 
     def correct(self, b: VariationalBelief, me: Measurement) -> tuple[VariationalBelief, Innovation]:
         L, _ = cholesky(me.R)

@@ -23,7 +23,7 @@ import numpy as np
 import scipy.linalg
 
 from sins_env.arrays import Array, Mask
-from solvers.blocks.conditioning import above_rounding
+from solvers.blocks.conditioning import above_rounding, inverse_lower
 from solvers.blocks.moments import standard_deviations, tangent
 from solvers.blocks.sigma_rules import Unscented
 from solvers.blocks.square_root import cholesky, factor
@@ -36,6 +36,7 @@ from solvers.registry import register
 from solvers.types import Function, Gaussian, Innovation, Measurement, Transition
 
 REGULAR = 1e-12  #: least variance of a component of a fix given those before it, relative to its own
+WELL = 1e-4  #: the same, below which filterpy's unscented filter gets a fix that is whitened
 
 
 @cache
@@ -215,6 +216,12 @@ class FilterpyUKF(FilterpyFilter):
 
     def update(self, o: Any, me: Measurement) -> None:
         o.update(me.z, R=me.R, hx=me.h)
+        L, singular = factor(o.S)
+        if not singular and (np.square(np.diagonal(L)) < WELL * np.diagonal(o.S)).any() and _follows(o.S) is None:
+            W, h = inverse_lower(L), me.h  # P - K S K' with S^-1 keeps few digits: once more, by a fix with S = I
+            o.x, o.P = o.x_prior, o.P_prior
+            o.update(W @ me.z, R=W @ me.R @ W.T, hx=lambda x: W @ h(x))
+            o.y, o.S = L @ o.y, L @ o.S @ L.T
 
 
 _SPREAD = {"alpha": 0.7, "beta": 2.0, "kappa": 1.0}

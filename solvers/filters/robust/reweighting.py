@@ -23,11 +23,12 @@ import numpy as np
 from sins_env.arrays import Array, Mask
 from sins_env.checks import choice, keep, number
 from solvers.blocks.conditioning import gain, inverse_lower, noise_about
-from solvers.blocks.square_root import cholesky, either, symmetrize
+from solvers.blocks.square_root import cholesky, either, symmetrize, without_known
 from solvers.types import Gaussian, Moments
 
 FLOOR = 1e-8  #: smallest weight; a fix with no weight above it is skipped
 FAR = 1e3  #: innovation, in standard deviations, beyond which the iteration starts from the prior
+SINGULAR = 1e-5  #: least deviation of a noise given that of the components before it, relative to its own
 TARGETS = ("both", "meas")
 
 
@@ -132,7 +133,7 @@ def reweight(
     R = symmetrize(predicted.cov - A.mT @ A)
     if told is not None:
         R = noise_about(R, predicted.cov, told)
-    root, repaired_R = cholesky(R)
+    root, repaired_R = _noise_root(R)
     whiten = inverse_lower(root)
     A, r = A @ whiten.mT, (whiten @ (z - predicted.mean)[..., None])[..., 0]
     n, c = A.shape[-2], np.ones((*r.shape[:-1], sum(A.shape[-2:])))
@@ -159,7 +160,7 @@ def widened(prior: Gaussian, y: Moments, R: Array, residual: Array) -> tuple[Gau
     The factor beta >= 1 makes the expectation of r' R^-1 r, m + beta tr(R^-1 H P- H'), equal to its value. ``y`` holds the moments
     of h(x) without R. This is the fading factor of a strong tracking filter, Zhou & Frank (1996).
     """
-    root, _ = cholesky(np.broadcast_to(R, y.cov.shape))
+    root, _ = _noise_root(np.broadcast_to(R, y.cov.shape))
     whiten = inverse_lower(root)
     r = (whiten @ residual[..., None])[..., 0]
     explained = np.trace(whiten @ y.cov @ whiten.mT, axis1=-2, axis2=-1)
@@ -167,6 +168,13 @@ def widened(prior: Gaussian, y: Moments, R: Array, residual: Array) -> tuple[Gau
     beta = np.divide(excess, explained, out=np.ones(excess.shape), where=explained > 0.0)
     beta = np.maximum(beta, 1.0)[..., None, None]
     return Gaussian(prior.mean, beta * prior.cov), Moments(y.mean, beta * y.cov + R, beta * y.cross)
+
+
+def _noise_root(R: Array) -> tuple[Array, Mask | None]:
+    """Return the lower root of a noise without components that follow from others, and a mask (...) of the runs this changes."""
+    root, repaired = cholesky(R)
+    root, dropped = without_known(root, SINGULAR)
+    return root, either(repaired, dropped)
 
 
 def _solve(A: Array, r: Array, c: Array) -> tuple[Array, Residuals]:

@@ -55,8 +55,9 @@ class SquareRootFilter(BatchFilter[RootBelief]):
         """Correct mean and root, with S_y = tria[T S_v U] and S = tria[S- - K T, K S_v, K U]: 000 (3.3.39-46)."""
         y = factors(me.h, b.mean, b.root, self.factor_rule)
         S_v, repaired = semidefinite_root(me.R)
-        S_y, dropped = without_known(tria(beside(y.slope, S_v, y.rest)))
-        K, _ = root_gain(S_y, b.root @ y.slope.mT)
+        S_y = tria(beside(y.slope, S_v, y.rest))
+        regular, dropped = without_known(S_y)
+        K, _ = root_gain(regular, b.root @ y.slope.mT)
         residual = me.z - y.mean
         mean = b.mean + (K @ residual[..., None])[..., 0]
         root = tria(beside(b.root - K @ y.slope, K @ S_v, None if y.rest is None else K @ y.rest))

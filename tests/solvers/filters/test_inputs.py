@@ -8,18 +8,18 @@ from oracles.problems import look, spd, swing
 from oracles.zoo import draws, generators, is_batched, settings_of, zoo
 
 from solvers.filters import make_filter, names
-from solvers.types import MISSING, Gaussian, Linear, Measurement, Transition
+from solvers.types import MISSING, Gaussian, Linear, Measurement, NoiseLaw, Transition
 
 I2, F = np.eye(2), np.array([[1.0, 1.0], [0.0, 1.0]])
 Q, H, R, z = 0.01 * I2, np.eye(1, 2), np.array([[0.04]]), np.array([0.3])
 SETTINGS = {name: settings_of(name) for name in names()}
 
 
-def after(name, f=None, Q=Q, h=None, R=R, z=z, prior=None, batch=(), **told):
+def after(name, f=None, Q=Q, h=None, R=R, z=z, prior=None, batch=(), dt=None, **told):
     flt = make_filter(name, **SETTINGS[name])
     b = flt.init(prior or Gaussian(np.zeros((*batch, 2)), I2), generators(batch))
     me = Measurement(z, Linear(H) if h is None else h, R, **told)
-    b, _ = flt.step(b, Transition(Linear(F) if f is None else f, Q), me)
+    b, _ = flt.step(b, Transition(Linear(F) if f is None else f, Q, dt=dt), me)
     return flt.estimate(b)
 
 
@@ -50,6 +50,9 @@ WRONG = [
     ({"h": Linear(np.ones((1, 3)))}, r"matrix of h of shape \(1, 3\): needed \(m, 2\)"),
     ({"present": [True, False]}, r"present of shape \(2,\): needed \(1,\)"),
     ({"turns": [True, False]}, r"turns of shape \(2,\): needed \(1,\)"),
+    ({"z": np.array([0.3j])}, "z is complex: needed real numbers"),
+    ({"law": NoiseLaw(share=1.5)}, r"law = NoiseLaw\(share=1.5, .*: needed a share from 0 to 1, a factor > 0"),
+    ({"dt": -1.0}, r"dt = -1.0: needed the seconds of the epoch, >= 0"),
     ({"prior": Gaussian(np.zeros(2), np.array([[1.0, 2.0], [2.0, 1.0]]))}, "prior covariance is no covariance"),
     ({"prior": Gaussian(np.zeros(2), np.array([[1.0, 0.5], [0.0, 1.0]]))}, "prior covariance is no covariance"),
 ]
@@ -192,6 +195,35 @@ def test_a_missing_component_is_a_fix_without_it(name, settings):
     for i, one in enumerate(each):
         for together, alone in zip(flt.estimate(b), flt.estimate(one), strict=True):
             np.testing.assert_allclose(np.reshape(together, (-1, *alone.shape))[i], alone, rtol=1e-10, atol=1e-12)
+
+
+def test_a_matrix_that_its_owner_changes_is_checked_again():
+    """The same array, with the variance that marks a missing component, and with a negative one."""
+    flt, mine = make_filter("ekf"), np.diag([0.04, 0.09])
+    b, tr = flt.init(Gaussian(np.zeros(2), I2)), Transition(Linear(F), Q.copy())
+    me = Measurement(np.ma.array([0.3, 7.0], mask=[False, True]), Linear(I2), mine)
+    b, seen = flt.step(b, tr, me)
+    np.testing.assert_array_equal(np.isnan(seen.residual), [False, True])  # what a mask hides is missing
+    b, seen = flt.step(b, tr, me._replace(z=np.array([0.3, 0.1])))
+    assert np.isfinite(seen.residual).all()
+    mine[0, 0] = MISSING
+    b, seen = flt.step(b, tr, me._replace(z=np.array([0.3, 0.1])))
+    np.testing.assert_array_equal(np.isnan(seen.residual), [True, False])
+    tr.Q[0, 0] = -1.0
+    with pytest.raises(ValueError, match="Q is no covariance"):
+        flt.step(b, tr, None)
+
+
+@pytest.mark.parametrize("name", ["aukf", "aukf_fading", "aukf_window", "augmented_aukf", "vb_ckf"])
+def test_a_noise_that_is_learnt_keeps_its_size(name):
+    flt = make_filter(name, adapt="R")
+    b, tr = flt.init(Gaussian(np.zeros(2), I2)), Transition(Linear(F), Q)
+    b, _ = flt.step(b, tr, Measurement(np.array([0.3]), Linear(H), R))
+    with pytest.raises(
+        ValueError, match="z has 2 components, and the noise of 1 has been learnt: needed z, h and R of the same 1"
+    ):
+        flt.step(b, tr, Measurement(np.ones(2), Linear(I2), 0.04 * I2))
+    assert np.isfinite(after(name, h=Linear(I2), z=np.ones(2), R=0.04 * I2).mean).all()
 
 
 @pytest.mark.parametrize(

@@ -45,10 +45,19 @@ def test_an_exact_fix_is_followed(name, variance):
 
 @pytest.mark.parametrize("name", LIKE_KALMAN)
 def test_two_readings_of_one_sensor_count_once(name):
+    """Two readings and four, and two before or behind another sensor, whose fix must keep its weight."""
     right, P = kalman(R)
-    x, _ = track(name, LIKE_KALMAN[name], 0.04 * np.ones((2, 2)), np.vstack([H, H]))
-    np.testing.assert_allclose(x.mean, right, atol=1e-5)
-    np.testing.assert_allclose(x.cov, P, atol=1e-5)
+    for readings in (2, 4):
+        x, health = track(name, LIKE_KALMAN[name], 0.04 * np.ones((readings, readings)), np.repeat(H, readings, axis=0))
+        np.testing.assert_allclose(x.mean, right, atol=1e-5)
+        np.testing.assert_allclose(x.cov, P, atol=1e-5)
+        assert health.failed_at == -1
+    both = track("kf", {}, np.diag([0.04, 0.09]), I2)[0]
+    for rows in ([0, 0, 1], [1, 0, 0]):
+        at = np.array(rows)
+        x, _ = track(name, LIKE_KALMAN[name], np.where(at[:, None] == at, np.array([0.04, 0.09])[at], 0.0), I2[at])
+        np.testing.assert_allclose(x.mean, both.mean, atol=1e-5)
+        np.testing.assert_allclose(x.cov, both.cov, atol=1e-5)
     if name in ("ckf", "ddf1", "ddf2"):
         settings = {"form": "square-root"} if name == "ckf" else {}
         x, health = track(name, settings, 0.04 * np.ones((2, 2)), np.vstack([H, H]))
@@ -63,6 +72,11 @@ def test_diffuse_priors(name):
     x, _ = track(name, LIKE_KALMAN[name], R, P0=1e8)
     np.testing.assert_allclose(x.mean, right, atol=1e-5)
     np.testing.assert_allclose(x.cov, P, atol=1e-5)
+    two, _ = track(
+        name, LIKE_KALMAN[name], 2.0 * R * I2, np.vstack([H, H]), P0=1e8
+    )  # as good as one of half the variance
+    np.testing.assert_allclose(two.mean, right, atol=1e-3)
+    np.testing.assert_allclose(two.cov, P, rtol=1e-3)
     x, health = track(name, LIKE_KALMAN[name], R, P0=1e16)
     assert health.failed_at == -1
     assert (np.abs(x.mean - right) < np.sqrt(np.diagonal(P))).all()
