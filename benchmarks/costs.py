@@ -2,10 +2,14 @@
 
     python benchmarks/costs.py                                  every filter, at 1 and 256 runs
     python benchmarks/costs.py ckf ckf5 ddf2 --runs 1 64 1024   some, at other batch sizes
+    python benchmarks/costs.py --chain gsf_imm imm_ekf          whole estimators from switch-on: INS, filter and feedback
 
 Epochs of the swaying base, with 10 states and a fix of two velocities each, are recorded once and played to every filter. Only
 the step is timed, without simulator and strapdown. Blocks of the filter alternate with blocks of ckf. The ratio is the median
 over such pairs of CPU times, so that a busy machine changes it little. Each filter gets the same time, and at least one block.
+
+Whole estimators play the task instead, from its first epoch on. A bank costs most there, so the first 30 s stand apart from the
+90 s after them.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
+import solvers
 from sins_env.checks import unknown
 from sins_env.evaluation.estimators.isolation import Here
 from sins_env.evaluation.estimators.memory import keep_freed_memory
@@ -32,6 +37,7 @@ from solvers.types import Gaussian, Measurement, Transition
 YARDSTICK = "ckf"
 EPOCHS = 100  #: number of recorded epochs, after which a filter starts again
 BLOCK_S = 5e-3  #: s, CPU time that a block should take
+CHAIN_S, CHAIN_BLOCK = (30.0, 90.0), 20  #: parts of the time for whole estimators, and epochs in a block
 
 
 class Recorder:
@@ -118,17 +124,56 @@ def cell(name: str, recorded: Recorder, seconds: float) -> tuple[str, str]:
     return f"{found.step_us:.4g}", f"{found.ratio:.3g}{few}"
 
 
+def chain(name: str, task: str, runs: int) -> tuple[Cost, Cost]:
+    """Measure a whole estimator: its cost in the first 30 s and in the 90 s after them."""
+    own, yardstick = (
+        Probe(get_task(task), Here(lambda name=name: solvers.make(name)), runs, 0, time.process_time)
+        for name in (name, YARDSTICK)
+    )
+    found = []
+    for seconds in CHAIN_S:
+        epochs = round(seconds / own.epoch_s)
+        pairs = [
+            (own.advance(CHAIN_BLOCK)[0].mean(), yardstick.advance(CHAIN_BLOCK)[0].mean())
+            for _ in range(epochs // CHAIN_BLOCK)
+        ]
+        each = np.array(pairs)  # the bank shrinks on the way, so that means count, and not medians
+        found.append(Cost(1e6 * float(each[:, 0].mean()) / runs, float(each[:, 0].sum() / each[:, 1].sum()), len(each)))
+    own.close()
+    yardstick.close()
+    return found[0], found[1]
+
+
+def chains(names: Sequence[str], task: str, batches: Sequence[int]) -> Table:
+    """Return the table of whole estimators."""
+    table = Table(title=f"CPU time of a step of the whole estimator on {task}, one thread")
+    table.add_column("estimator")
+    for runs in batches:
+        for when in ("first 30 s", "later"):
+            table.add_column(f"{runs} run{'s' * (runs > 1)}, {when}, us per run", justify="right")
+            table.add_column("/ ckf", justify="right")
+    for name in names:
+        costs = [one for runs in batches for one in chain(name, task, runs)]
+        table.add_row(name, *(text for one in costs for text in (f"{one.step_us:.4g}", f"{one.ratio:.3g}")))
+    return table
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description="cost of a step of every filter, beside that of ckf")
     parser.add_argument("filters", nargs="*", help="names, default all")
     parser.add_argument("--runs", nargs="+", type=int, default=[1, 256], help="batch sizes")
     parser.add_argument("--seconds", type=float, default=1.0, help="time for each filter and batch size")
     parser.add_argument("--task", default="sway-white-v0", help="task that is recorded, default %(default)s")
+    parser.add_argument("--chain", action="store_true", help="whole estimators, by names of solvers.make")
     given = parser.parse_args(arguments)
+    keep_freed_memory()
+    if given.chain:
+        with threadpool_limits(1):
+            Console().print(chains(given.filters or solvers.names(), given.task, given.runs))
+        return
     for name in given.filters:
         if name not in FILTERS:
             parser.error(str(unknown("filter", name, FILTERS)))
-    keep_freed_memory()
     table = Table(title=f"CPU time of a step on {given.task}, one thread; * fewer than five pairs of blocks")
     table.add_column("filter")
     with threadpool_limits(1):

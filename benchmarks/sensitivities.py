@@ -20,7 +20,7 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -41,11 +41,12 @@ from sins_env.types import Task
 EPOCH_S, N_SUB, DURATION_S = 0.2, 6, 300.0
 WRONG = 100.0  #: largest factor of a told variance, and the reciprocal of the least
 LAST = 0.2  #: share of the epochs whose errors count
+RAMP_S = 30.0  #: length of a ramp
 FAR = 3.0  #: a ratio, or an NEES over its expectation, that is called large
 
 SURPRISES: dict[str, Callable[[Generator], dict[str, Any]]] = {
     "offset": lambda rng: {"jump_mps": _log(rng, 0.05, 5.0), "jump_s": _log(rng, 5.0, 60.0)},
-    "ramp": lambda rng: {"ramp": _log(rng, 1e-3, 3e-2)},  # m/s^2, from a drawn time on for 30 s
+    "ramp": lambda rng: {"ramp": _log(rng, 1e-3, 3e-2)},  # m/s^2, from a drawn time on for RAMP_S
     "outages": lambda rng: {"outages_s": _bursts(rng)},
     "heavy tails": lambda rng: {"heavy_tail_dof": rng.uniform(2.1, 5.0)},
     "contamination": lambda rng: {
@@ -137,16 +138,17 @@ def environment(scenario: Scenario, surprised: bool) -> EvaluationTask:
 
 
 class Ramp:
-    """A velocity of the fixes that drifts for 30 s, at one rate and from one time for each run."""
+    """A velocity of the fixes that drifts for some time, at one rate and from one time for each run, and then ends at once."""
 
-    def __init__(self, rate: float, runs: int, rng: Generator) -> None:
+    def __init__(self, rate: float, lasts_s: float, runs: int, rng: Generator) -> None:
         direction = rng.uniform(0.0, 2.0 * np.pi, runs)
         self._rate = rate * np.stack([np.sin(direction), np.cos(direction), np.zeros(runs)], axis=-1)
-        self._start = rng.uniform(0.0, DURATION_S - 30.0, runs)
+        self._lasts = lasts_s
+        self._start = rng.uniform(0.0, DURATION_S - lasts_s, runs)
 
     def __call__(self, obs: Obs) -> Obs:
         t = obs["t"][:, 0] - self._start
-        moved = np.where(((t > 0.0) & (t < 30.0))[:, None], t[:, None] * self._rate, 0.0)
+        moved = np.where(((t > 0.0) & (t < self._lasts))[:, None], t[:, None] * self._rate, 0.0)
         return {**obs, "gps_vel": np.where(obs["gps_valid"] == 1, obs["gps_vel"] + moved, 0.0)}
 
 
@@ -171,50 +173,63 @@ class Told:
         self._env.close()
 
 
-def errors(
+class Played(NamedTuple):
+    """What a solver made of R runs."""
+
+    squares: Array  #: (R,) squared azimuth errors, means over the last fifth of the time, rad^2
+    nees: Array  #: (R,) NEES of the attitude over its expectation at the end
+    sigmas: Array  #: (R, 3) errors of the attitude at the end over the standard deviations that the solver states
+    lost: int  #: number of runs that it gave up
+
+
+def same(given: Any) -> Any:
+    """Return what is given."""
+    return given
+
+
+def play(
     task: EvaluationTask,
-    tell: Callable[[Task], Task],
-    disturb: Callable[[Obs], Obs],
-    name: str,
-    settings: dict[str, Any],
+    solver: Any,
     runs: int,
     seed: int,
-) -> tuple[Array, Array, int]:
-    """Play a solver on runs of a task.
-
-    Returns:
-        Squared azimuth errors (runs,) in rad^2, means over the last fifth; NEES over its expectation at the end (runs,); and the
-        number of runs that it gave up.
-    """
+    tell: Callable[[Task], Task] = same,
+    disturb: Callable[[Obs], Obs] = same,
+) -> Played:
+    """Play a solver on runs of a task, which tells what ``tell`` makes of it, with fixes as ``disturb`` makes them."""
     env = task.make(runs, reveal_truth=True)
     obs, _ = task.reset(env, range(runs), seed)
-    solver = solvers.make(name, **settings)
-    rngs = [solver_rng(task, name, run) for run in range(runs)]
+    rngs = [solver_rng(task, type(solver).__name__, run) for run in range(runs)]
     loop = Loop(Told(env, tell, disturb), Guard(solver, runs), disturb(obs), rngs)
     phi = np.array([info["errors"]["phi"] for k, _, info, _, _ in loop if k > (1.0 - LAST) * loop.task.num_epochs])
-    spread = nees(phi[-1], solver.covariance()) / 3.0
+    P = solver.covariance()
     lost = int((loop.guard.health()[2] >= 0).sum())
     loop.close()
-    return np.square(phi[..., 2]).mean(axis=0), spread, lost
+    sigmas = np.abs(phi[-1]) / np.sqrt(np.diagonal(P[:, :3, :3], axis1=-2, axis2=-1))
+    return Played(np.square(phi[..., 2]).mean(axis=0), nees(phi[-1], P[:, :3, :3]) / 3.0, sigmas, lost)
 
 
 def ratios(scenario: Scenario, number: int, seed: int, runs: int, variants: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Return of each variant the ratio to the reference, the mean NEES over its expectation, and the number of lost runs."""
     suite_seed = 1000 * seed + number
     calm, harsh = environment(scenario, False), environment(scenario, True)
-    reference = errors(calm, lambda task: task, lambda obs: obs, "two_pass", {}, runs, suite_seed)
-    best = float(np.mean(reference[0]))
+    reference = play(calm, solvers.make("two_pass"), runs, suite_seed)
+    best = float(np.mean(reference.squares))
     ramp = scenario.gps.get("ramp")
-    disturb = Ramp(ramp, runs, np.random.default_rng([seed, number, 1])) if ramp else lambda obs: obs
+    disturb = Ramp(ramp, RAMP_S, runs, np.random.default_rng([seed, number, 1])) if ramp else same
     found = {
-        name: errors(
-            harsh, lambda task: told(task, scenario.factors), disturb, "gsf_imm", VARIANTS[name], runs, suite_seed
+        name: play(
+            harsh,
+            solvers.make("gsf_imm", **VARIANTS[name]),
+            runs,
+            suite_seed,
+            lambda task: told(task, scenario.factors),
+            disturb,
         )
         for name in variants
     }
     return {
-        name: {"ratio": math.sqrt(float(np.mean(squares)) / best), "nees": float(np.mean(spread)), "lost": lost}
-        for name, (squares, spread, lost) in found.items()
+        name: {"ratio": math.sqrt(float(np.mean(p.squares)) / best), "nees": float(np.mean(p.nees)), "lost": p.lost}
+        for name, p in found.items()
     }
 
 
