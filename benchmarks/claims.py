@@ -225,7 +225,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if given.json:
             with open(given.json, "a", encoding="utf-8") as file:
                 file.write(json.dumps({"claim": name, **rows[name]}) + "\n")
-    Console().print(table_of(rows))
+    Console(width=160).print(table_of(rows))
     return 1 if any(row["faults"] for row in rows.values()) else 0
 
 

@@ -99,11 +99,12 @@ def road(rng: Generator, course: Course) -> None:
     course.turn(either(rng, 15.0, 60.0), rng.uniform(0.5, 1.5))
 
 
+#: Kinds of drives: what follows itself until the end, speeds at switch-on, and the length of a first straight leg.
 KINDS: dict[str, tuple[Callable[[Generator, Course], None], tuple[float, float], float]] = {
     "town": (town, (8.0, 17.0), 0.0),
     "road": (road, (15.0, 30.0), 0.0),
     "straight": (town, (8.0, 17.0), STRAIGHT_S),
-}  #: by name: what follows itself until the end, speeds at switch-on, and length of a first straight leg
+}
 
 
 def drive(kind: str, rng: Generator) -> dict[str, Any]:
