@@ -98,9 +98,18 @@ class Benchmark002:
         return np.abs(product) if self.variant == "abs" else product
 
     def simulate(
-        self, rng: np.random.Generator, runs: int, steps: int = 300, R: Callable[[int], float] | None = None
+        self,
+        rng: np.random.Generator,
+        runs: int,
+        steps: int = 300,
+        R: Callable[[int], float] | None = None,
+        limit: float = OVERFLOW,
     ) -> Truth:
-        """Simulate ``runs`` runs. ``R`` maps the step, counted from 1, to the variance of v; None: the constant one."""
+        """Simulate ``runs`` runs.
+
+        ``R`` maps the step, counted from 1, to the variance of v; None: the constant one. A run ends where a state or a
+        measurement is beyond ``limit``, or not finite.
+        """
         x, z = np.full((steps, runs, 3), np.nan), np.full((steps, runs, 1), np.nan)
         ended = np.zeros(runs, dtype=np.int64)
         now = np.tile(START, (runs, 1))
@@ -109,7 +118,8 @@ class Benchmark002:
             now = self.f(now) + (self.q + np.sqrt(self.true_Q) * w[k]) @ G.T
             seen = self.h(now) + self.r + np.sqrt(self.R if R is None else R(k + 1)) * v[k]
             with np.errstate(invalid="ignore"):
-                sound = (np.abs(np.concatenate([now, seen], axis=-1)) <= OVERFLOW).all(axis=-1)
+                size = np.abs(np.concatenate([now, seen], axis=-1)).max(axis=-1)
+            sound = np.isfinite(size) & (size <= limit)
             ended[~sound & (ended == 0)] = k + 1
             now = np.where((ended == 0)[:, None], now, np.nan)
             x[k], z[k] = now, np.where((ended == 0)[:, None], seen, np.nan)

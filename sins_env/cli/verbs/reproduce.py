@@ -9,8 +9,9 @@ from rich.console import Console
 
 from sins_env.cli.output import remark
 from sins_env.evaluation import reproduction
+from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.reproduction.paper import paper
-from sins_env.evaluation.reproduction.pictures.courses import save
+from sins_env.evaluation.reproduction.pictures.common import save
 from sins_env.evaluation.reproduction.running import run_tables
 from sins_env.evaluation.reproduction.showing import markdown, terminal
 from sins_env.evaluation.show.templates import check_jinja2
@@ -44,11 +45,14 @@ def reproduce(given: Namespace, console: Console) -> int:
         folder.mkdir(exist_ok=True)
     with Store(out / "results.sqlite") as store:
         made = run_tables(tables, store, given.runs, quick=given.quick, workers=given.workers)
-        for table, outcomes, pictures in made:
+        for table, outcomes, _ in made:
             console.print(terminal(table, outcomes))
-            for picture, results in pictures:
-                save(picture.draw(results), out / FIGURES / f"{picture.name}.svg")
             write_text(_part(out, table.number), markdown(table, outcomes))
+        drawn = [one for _, _, pictures in made for one in pictures]
+        with Bar(f"{len(drawn)} figures") as bar:
+            for done, (picture, results) in enumerate(drawn):
+                bar.update(done, len(drawn), note=picture.name)
+                save(picture.draw(results), out / FIGURES / f"{picture.name}.svg")
         text = paper(made, store, given.quick) if complete else _some(out)
     write_text(out / "REPRODUCTION.md", text)
     remark(f"tables: {out / 'REPRODUCTION.md'}")

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from sins_env.checks import unknown
 from sins_env.evaluation.reproduction.claims import CLAIMS
 from sins_env.evaluation.reproduction.documents.thesis_together import printed_extremes
+from sins_env.evaluation.reproduction.figures import FIGURES, Figures
 from sins_env.evaluation.reproduction.running import Made
 from sins_env.evaluation.reproduction.showing import estimate_text, markdown
 from sins_env.evaluation.reproduction.tables import Outcome
-from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, OPEN, REPRODUCED, Estimate
+from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, OPEN, PRELIMINARY, REPRODUCED, Estimate
+from sins_env.evaluation.score.verdicts import LEAST_VERDICT
 from sins_env.evaluation.show.numbers import number_text
 from sins_env.evaluation.show.templates import template
 from sins_env.evaluation.store.store import Store
 
 TEMPLATE = "reproduction/paper.md.j2"
-VERDICTS = (REPRODUCED, IN_ORDER, OPEN, NOT)
+VERDICTS = (REPRODUCED, IN_ORDER, OPEN, NOT, PRELIMINARY)
 
 
 class Found(NamedTuple):
@@ -109,9 +111,23 @@ class Papers:
             if sum(counts := _counts(outcome))
         ]
 
+    def figures(self) -> list[tuple[str, str, str, str, str]]:
+        """Return document, numbers, content, print and our pictures of every figure, or why there are none."""
+        there = {picture.name for made in self._made.values() for picture in made.table.pictures}
+        return [(f.document, f.name, f.what, f.printed, _ours(f, there)) for f in FIGURES]
+
     def sections(self) -> list[str]:
         """Return the tables as Markdown."""
         return [markdown(made.table, made.outcomes) for made in self._made.values()]
+
+
+def _ours(figures: Figures, there: Container[str]) -> str:
+    """Return links to our pictures of a figure, or why there are none."""
+    links = [f"[{name}](figures/{name}.svg)" for name in figures.pictures if name in there]
+    if figures.pictures and not links:
+        return "left out of this run"
+    state = ("drawn: " + ", ".join(links)) if links else "not reproducible" if figures.why else ""
+    return "; ".join(filter(None, (state, figures.why)))
 
 
 def _only(label: str, labels: Mapping[str, int], table: str) -> str:
@@ -147,6 +163,8 @@ def paper(made: Sequence[Made], store: Store, quick: bool) -> str:
         "extremes": [number_text(size) for size in printed_extremes()],
         "ran": papers.ran,
         "tallies": papers.tallies(),
+        "figures": papers.figures(),
+        "sure_runs": LEAST_VERDICT,
         "sections": papers.sections(),
         "verdicts": VERDICTS,
         "number": number_text,

@@ -7,12 +7,14 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from sins_env.evaluation.estimators import finding
+from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.reproduction.tables import Group, Outcome, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import verdicts
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.store.filling import Evaluation, fill
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.tasks.task import EvaluationTask
 
 
 class Drawn(NamedTuple):
@@ -52,9 +54,19 @@ def run_tables(
         wanted[one.key] = max(one, wanted.get(one.key, one), key=lambda each: len(each.runs))
     for task in {one.task.name: one.task for one in wanted.values()}.values():
         store.add_task(task)
-    fill(store, list(wanted.values()), timed=[one for plan in plans for one in plan.timed()], workers=workers)
-    shelf = _Shelf(store)
-    return [plan.made(shelf) for plan in plans]
+    fill(
+        store,
+        list(wanted.values()),
+        timed=[one for plan in plans for one in plan.timed()],
+        workers=workers,
+        oracles={name for plan in plans for name in plan.lucky()},
+    )
+    shelf, made = _Shelf(store), []
+    with Bar(f"{len(plans)} tables") as bar:
+        for done, plan in enumerate(plans):
+            bar.update(done, len(plans), note=f"table {plan.table.number}")
+            made.append(plan.made(shelf))
+    return made
 
 
 class _Shelf:
@@ -75,7 +87,7 @@ class _Plan:
     """The runs that a table needs."""
 
     def __init__(self, table: Table, runs: int | None, quick: bool) -> None:
-        self.table = first_look(table) if quick else table
+        self.table = _with_recordings(first_look(table) if quick else table)
         self._groups = [
             (group, runs or (group.quick if quick else group.runs), _missing(group, quick))
             for group in self.table.groups
@@ -94,6 +106,10 @@ class _Plan:
             for line in group.lines:
                 if line.timed and not missing:
                     yield from (self._evaluation(source, runs) for source in line.sources)
+
+    def lucky(self) -> Iterable[str]:
+        for group, _, missing in self._groups:
+            yield from (line.task.name for line in group.lines if line.lucky and not missing)
 
     def made(self, shelf: _Shelf) -> Made:
         outcomes = tuple(self._outcome(group, runs, missing, shelf) for group, runs, missing in self._groups)
@@ -135,10 +151,23 @@ def _missing(group: Group, quick: bool) -> str:
     """
     if quick and not group.quick:
         return "left out of a quick look (--quick)."
-    for task, solver, settings in group.sources:
-        finding.make(solver, settings)
-        try:
-            task.make(1).close()
-        except FileNotFoundError as error:
-            return str(error)
+    for source in group.sources:
+        finding.make(source.solver, source.settings)
+        if missing := _absent(source.task):
+            return missing
     return ""
+
+
+def _absent(task: EvaluationTask) -> str:
+    """Return the reason why a task cannot be played: its recording is not there; empty if it can be."""
+    try:
+        task.make(1).close()
+    except FileNotFoundError as error:
+        return str(error)
+    return ""
+
+
+def _with_recordings(table: Table) -> Table:
+    """Return the table without the pictures whose recording is not there."""
+    there = (p for p in table.pictures if not any(_absent(one.task) for one in (*p.sources, *p.singles)))
+    return replace(table, pictures=tuple(there))

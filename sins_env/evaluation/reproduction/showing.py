@@ -12,11 +12,11 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from sins_env.evaluation.reproduction.tables import Outcome, Table
-from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, OPEN, REPRODUCED, Estimate
+from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, OPEN, PRELIMINARY, REPRODUCED, Estimate
 from sins_env.evaluation.show.numbers import number_text
 from sins_env.evaluation.show.style import titled
 
-_STYLES = {REPRODUCED: "green", IN_ORDER: "yellow", OPEN: "yellow", NOT: "red"}
+_STYLES = {REPRODUCED: "green", IN_ORDER: "yellow", OPEN: "yellow", PRELIMINARY: "dim", NOT: "red"}
 NEAR_ONE = 0.1  #: distance from one within which a quotient is shown with three decimals
 _HEADS = ("printed", "ours [95 %]", "bound", "verdict")
 
@@ -59,7 +59,7 @@ def _heading(outcome: Outcome) -> str:
 def _notes(outcome: Outcome) -> list[str]:
     if outcome.missing:
         return [f"Not run: {outcome.missing}"]
-    odd = any(verdict in (IN_ORDER, OPEN, NOT) for verdict in outcome.verdicts)
+    odd = any(verdict in (IN_ORDER, OPEN, NOT, PRELIMINARY) for verdict in outcome.verdicts)
     return [outcome.group.why] if odd and outcome.group.why else []
 
 

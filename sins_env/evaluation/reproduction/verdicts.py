@@ -1,14 +1,15 @@
 """Verdicts on printed figures: does one lie where its few records may have put it, and if not, is at least the order right?
 
-A printed RMS rests on a handful of records, so that it is itself a draw. It is reproduced if it differs from ours by no
-more than the two draws explain (:func:`band`). Errors with heavier tails than Gaussian ones spread more than that.
+Values, intervals and p values are those of :mod:`sins_env.evaluation.score`: capped RMS, shares, medians, sign flips. What is
+here is the print: a printed RMS rests on a handful of records, so that it is itself a draw. It is reproduced if it differs
+from ours by no more than the two draws explain (:func:`band`). Errors with heavier tails than Gaussian ones spread more.
 See docs/tasks_and_scores.md#reproduction.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,10 +17,13 @@ import numpy as np
 from scipy import special
 
 from sins_env.arrays import Array
-from sins_env.evaluation.score.resampling import TAILS, bca, resampled, units_of
+from sins_env.evaluation.score import exact, losses, resampling
+from sins_env.evaluation.score.resampling import LEAST_RUNS, NO_INTERVAL, TAILS
+from sins_env.evaluation.score.verdicts import LEAST_VERDICT
 from sins_env.evaluation.show.numbers import number_text
 
 REPRODUCED, IN_ORDER, NOT, OPEN = "reproduced", "in order only", "not reproduced", "not told apart"
+PRELIMINARY = "preliminary"
 LUCK = 0.05  #: share of our runs that are closer to zero than a printed single run may be; a closer one was lucky
 
 
@@ -32,6 +36,7 @@ class Estimate(NamedTuple):
     runs: int  #: number of runs behind it
     lost: int = 0  #: number of runs without a result, besides
     bound: float = math.nan  #: Cramer-Rao bound of the same figure; NaN if there is none
+    p: float = math.nan  #: p value of no difference between two filters; NaN for what compares none
 
 
 NOTHING = Estimate(math.nan, math.nan, math.nan, 0)
@@ -117,40 +122,54 @@ class Said:
         return NOT if outside else OPEN
 
 
+SMALLER, LARGER = Said("smaller", high=1.0), Said("larger", low=1.0)
 Print = Printed | PrintedMean | PrintedRatio | Said
 
 
-def root_mean_square(errors: Array, about_mean: bool = False, bound: float = math.nan) -> Estimate:
-    """Compute the RMS of errors (R,), about zero, or about their mean with R - 1; NaN marks lost runs.
+def capped_rms(errors: Array, cap: float, about_mean: bool = False, bound: float = math.nan) -> Estimate:
+    """Compute the capped RMS of errors (R,), about zero, or about their mean with R - 1.
 
-    The interval is BCa over runs. It is NaN for fewer than two runs.
+    NaN marks lost runs, which count as the cap, and so does an error beyond it. The interval is NaN for fewer than six runs.
     """
-    known = errors[np.isfinite(errors)]
-    runs, lost = len(known), int(len(errors) - len(known))
+    known = np.isfinite(errors)
+    runs, lost = int(known.sum()), int((~known).sum())
     if runs < 2:
         return Estimate(math.nan, math.nan, math.nan, runs, lost, bound)
-    units = units_of(np.stack([np.ones(runs), known, known**2], axis=1))
-
-    def statistic(sums: Array) -> Array:
-        count, first, second = np.moveaxis(sums, -1, 0)
-        if about_mean:
-            return np.sqrt(np.maximum(second - first**2 / count, 0.0) / np.maximum(count - 1, 1))
-        return np.sqrt(second / count)
-
-    total = units.sum(axis=0)
-    low, high = bca(statistic(resampled(units))[:, None], statistic(total)[None], statistic(total - units)[:, None])[0]
-    return Estimate(float(statistic(total)), float(low), float(high), runs, lost, bound)
+    squares = losses.capped(errors - (errors[known].mean() if about_mean else 0.0), cap)
+    if about_mean:
+        squares = squares * len(errors) / (len(errors) - 1)
+    value, (low, high) = losses.score(squares)
+    return Estimate(value, low, high, runs, lost, bound)
 
 
 def mean(values: Array) -> Estimate:
-    """Compute the mean of values (R,) with Student's interval; NaN marks lost runs."""
-    known = values[np.isfinite(values)]
-    runs, lost = len(known), int(len(values) - len(known))
-    if runs < 2:
-        return Estimate(math.nan, math.nan, math.nan, runs, lost)
-    centre = float(known.mean())
-    half = float(special.stdtrit(runs - 1, TAILS[1]) * known.std(ddof=1) / math.sqrt(runs))
-    return Estimate(centre, centre - half, centre + half, runs, lost)
+    """Compute the mean of values (R,); NaN marks lost runs, which are left out."""
+    return _of_known(values, exact.mean)
+
+
+def median(values: Array) -> Estimate:
+    """Compute the median of values (R,), of which some may be inf; NaN marks lost runs, which are left out."""
+    return _of_known(values, exact.median)
+
+
+def _of_known(values: Array, statistic: Callable[[Array], resampling.Estimate]) -> Estimate:
+    known = values[~np.isnan(values)]
+    lost = len(values) - len(known)
+    if len(known) < 2:
+        return Estimate(math.nan, math.nan, math.nan, len(known), lost)
+    value, (low, high) = statistic(known)
+    return Estimate(value, low, high, len(known), lost)
+
+
+def ratio(a: Array, b: Array, lost: int = 0) -> Estimate:
+    """Compute the ratio of RMS of two filters from their losses (R,) in the same runs, with the p value of no difference.
+
+    The interval is NaN for fewer than six runs. ``lost`` is the number of runs that one of them lost.
+    """
+    value, (low, high) = exact.ratio_by_flips(a, b)
+    if len(a) < LEAST_RUNS:
+        low, high = NO_INTERVAL
+    return Estimate(value, low, high, len(a) - lost, lost, p=exact.sign_flips(a, b))
 
 
 def band(printed: Printed, ours: Estimate) -> tuple[float, float]:
@@ -183,19 +202,29 @@ def verdicts(printed: Sequence[Print | None], ours: Sequence[Estimate]) -> list[
     """Return a verdict on each line of a group; empty for a line without a printed figure.
 
     An RMS is "in order only" if some lines differ from it significantly, both in the print and by our intervals. All of
-    them must do so in the same order.
+    them must do so in the same order. Two filters get no verdict from fewer than LEAST_VERDICT runs. That one of them is better
+    must hold at 95 % for all such statements of the group together (Holm).
     """
-    return [_verdict(i, printed, ours) for i in range(len(ours))]
+    sides = [i for i, line in enumerate(printed) if _takes_side(line) and not math.isnan(ours[i].p)]
+    adjusted = dict(zip(sides, exact.holm([ours[i].p for i in sides]), strict=True))
+    return [_verdict(i, printed, ours, adjusted.get(i, 0.0)) for i in range(len(ours))]
 
 
-def _verdict(i: int, printed: Sequence[Print | None], ours: Sequence[Estimate]) -> str:
+def _takes_side(line: Print | None) -> bool:
+    """Return whether a print says that one of two filters is better."""
+    return isinstance(line, Said) and 1.0 in (line.low, line.high)
+
+
+def _verdict(i: int, printed: Sequence[Print | None], ours: Sequence[Estimate], p: float) -> str:
     line = printed[i]
     if line is None:
         return ""
     if math.isnan(ours[i].low):
         return f"{ours[i].runs} runs are too few" if ours[i].runs else "not measured"
+    if not math.isnan(ours[i].p) and ours[i].runs + ours[i].lost < LEAST_VERDICT:
+        return PRELIMINARY
     if not isinstance(line, Printed):
-        return line.verdict(ours[i])
+        return OPEN if p > exact.LEVEL and ours[i].low != ours[i].high else line.verdict(ours[i])
     if fits(line, ours[i]):
         return REPRODUCED
     same = opposite = 0

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sins_env.arrays import Array, Mask
-from sins_env.evaluation.score.resampling import CONFIDENCE, NO_INTERVAL, SEED, Estimate, units_of
+from sins_env.evaluation.score.resampling import CONFIDENCE, LEAST_RUNS, NO_INTERVAL, SEED, Estimate, units_of
 
 LEVEL = 1.0 - CONFIDENCE  #: probability of a false verdict
 FLIPS = 9999  #: number of random patterns of signs; the observed one is counted with them
@@ -59,6 +59,21 @@ def median(values: Array) -> Estimate:
     ranks = median_ranks(runs)
     interval = NO_INTERVAL if ranks is None else (float(ordered[ranks[0] - 1]), float(ordered[ranks[1] - 1]))
     return float(0.5 * (middle[0] + middle[1])), interval
+
+
+def mean(values: Array) -> Estimate:
+    """Return the mean of values (R,) with all centres of symmetry that sign flips do not reject; none below six runs."""
+    runs, centre = len(values), float(values.mean())
+    away = values - centre
+    scale = float(np.sqrt(np.square(away).mean()))
+    if runs < LEAST_RUNS or not scale > 0.0:
+        return centre, NO_INTERVAL if runs < LEAST_RUNS else (centre, centre)
+    drawn, count = flipped(np.stack([away / scale, np.ones(runs)], axis=1))
+
+    def kept(shift: float) -> bool:
+        return float((np.abs(drawn - shift * count) >= abs(shift) * runs * (1.0 - ROUNDING)).mean()) > LEVEL
+
+    return centre, (centre - scale * _edge(kept, -1), centre + scale * _edge(kept, 1))
 
 
 @lru_cache(maxsize=2)

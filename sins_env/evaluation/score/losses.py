@@ -59,6 +59,23 @@ def capped(errors: Array, cap: float) -> Array:
     return out
 
 
+def of_time_means(errors: Array, cap: float) -> Array:
+    """Return losses (R,) whose score is the ARMSE r of errors (R, S): the mean over time of r_t, the RMS over runs.
+
+    The loss of a run is r times its time mean of e^2 / r_t. The mean loss is r^2, and a run moves the logarithm of r by half of
+    what it moves that of the mean, as it does for an RMS. A run whose own RMS over time exceeds ``cap`` is scaled down to it.
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        own = np.sqrt(np.square(errors).mean(axis=1, keepdims=True))
+        scaled = np.where(np.isfinite(own), errors * np.minimum(cap / own, 1.0), cap)
+        scaled = np.where(own == 0.0, 0.0, scaled)
+        squares = np.square(scaled)
+        curve = np.sqrt(squares.mean(axis=0))
+        parts = np.where(curve > 0.0, squares / curve, 0.0)
+    out: Array = curve.mean() * parts.mean(axis=1)
+    return out
+
+
 def score(losses: Array) -> Estimate:
     """Return S, the root of the mean loss (R,), with its 95 % interval: a point for equal losses, none below six runs."""
     (found,) = scores(losses[:, None])

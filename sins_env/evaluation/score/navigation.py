@@ -70,12 +70,6 @@ def time_mean(errors: Array) -> Estimate:
     return _estimate(_time_mean(errors))
 
 
-def ratio_of_time_means(a: Array, b: Array) -> Estimate:
-    """Return the time mean of a (R, S) over that of b, another filter in the same runs, with its BCa interval."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return _estimate(_Resampled(*(x / y for x, y in zip(_time_mean(a), _time_mean(b), strict=True))))
-
-
 class _Resampled(NamedTuple):
     """A time mean and its resamples, which use only CURVE_TIMES of the times."""
 

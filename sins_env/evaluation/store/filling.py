@@ -5,7 +5,7 @@ No worker waits for the last runs of one evaluation, and an interrupted command 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from sins_env.evaluation.bound import bounds, oracle
@@ -62,6 +62,7 @@ def fill(
     epoch_timeout_s: float | None = None,
     resume: str = "the same command continues",
     title: str = "",
+    oracles: Container[str] | None = None,
 ) -> None:
     """Make the missing runs in one queue and with progress; each chunk is stored when it ends.
 
@@ -79,6 +80,7 @@ def fill(
         epoch_timeout_s: longest time of one call of a solver, s; None is no limit.
         resume: advice on how to continue after Ctrl-C, in words.
         title: label of the progress bar; empty says what is evaluated.
+        oracles: names of the tasks in whose runs the oracle follows; None takes all.
 
     Raises:
         KeyboardInterrupt: Ctrl-C; the message tells how many runs the file has.
@@ -90,7 +92,8 @@ def fill(
 
     todo = [(one, missing) for one in wanted if (missing := one.missing(store))]
     queue = [(one, job(one, part)) for one, missing in todo for part in chunks(missing, chunk)]
-    lucky = list(_oracles_missing(store, wanted, seed))
+    followed = [one for one in wanted if oracles is None or one.task.name in oracles]
+    lucky = list(_oracles_missing(store, followed, seed))
     if not queue and not lucky and not any(_cost_missing(store, one) for one in timed):
         return
     key_of = {id(job): one.key for one, job in queue}

@@ -106,7 +106,7 @@ def test_verdicts_are_counted():
     papers = Papers(made(value=0.9))
     counted = {(one.heading, one.title): one.counts for one in papers.tallies()}
     # those that are said to be smaller, and the one that is said to be larger and so is not reproduced
-    assert counted["003, experiment 2, figure 5", "quotients, as said"] == (7, 0, 0, 1)
+    assert counted["003, experiment 2, figure 5", "quotients, as said"] == (7, 0, 0, 1, 0)
 
 
 def test_an_unknown_line_is_one_clear_error():

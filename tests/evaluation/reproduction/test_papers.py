@@ -13,7 +13,8 @@ from sins_env.evaluation.reproduction.documents import lu, sun2012, zhao2010
 from sins_env.evaluation.reproduction.pictures.navigation import Curve, Row, against_setting, rms_over_time
 from sins_env.evaluation.reproduction.readings import common
 from sins_env.evaluation.reproduction.tables import Line, Source
-from sins_env.evaluation.reproduction.verdicts import NOT, OPEN, REPRODUCED, Said, verdicts
+from sins_env.evaluation.reproduction.verdicts import NOT, OPEN, REPRODUCED, Said, median, ratio, verdicts
+from sins_env.evaluation.score.losses import of_time_means, score
 from sins_env.evaluation.score.navigation import time_mean
 from sins_env.evaluation.tasks.task import EvaluationTask
 from solvers import toy_examples
@@ -83,23 +84,25 @@ def test_the_interval_of_a_quotient_is_that_of_resampled_runs():
     def quotient(i):
         return np.mean(np.sqrt(np.mean(a[i] ** 2, axis=0))) / np.mean(np.sqrt(np.mean(b[i] ** 2, axis=0)))
 
-    value, (low, high) = common.ratio_of_time_means(a, b)
+    losses_a, losses_b = (of_time_means(errors, 1e9) for errors in (a, b))
+    value, low, high, *_ = ratio(losses_a, losses_b)
     assert value == pytest.approx(quotient(np.arange(60)))
     drawn = [quotient(rng.integers(60, size=60)) for _ in range(2000)]
     assert (low, high) == pytest.approx(tuple(np.percentile(drawn, [2.5, 97.5])), abs=0.01)
-    _, (wide_low, wide_high) = time_mean(a)
-    assert (high - low) / value < 0.5 * (wide_high - wide_low) / time_mean(a)[0]  # paired
+    wide, (wide_low, wide_high) = score(losses_a)
+    assert wide == pytest.approx(time_mean(a)[0])
+    assert (high - low) / value < 0.5 * (wide_high - wide_low) / wide  # paired
 
 
 def test_shares_and_medians():
     flags = np.arange(40) < 3
     found = common.percentage(flags)
-    expected = stats.binomtest(3, 40).proportion_ci(method="wilson")
+    expected = stats.binomtest(3, 40).proportion_ci(method="exact")
     assert found.value == 7.5
     assert (found.low, found.high) == pytest.approx((100 * expected.low, 100 * expected.high))
     assert common.percentage(flags & False).low == 0.0
     values = np.append(np.arange(1.0, 22.0), np.nan)
-    middle = common.median(values)
+    middle = median(values)
     assert (middle.value, middle.runs, middle.lost) == (11.0, 21, 1)
     assert 5 < middle.low < 11 < middle.high < 17
 

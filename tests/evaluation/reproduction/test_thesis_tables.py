@@ -56,9 +56,11 @@ def test_errors_have_settled_from_the_last_time_that_they_were_outside():
 def test_wander_is_about_each_runs_own_mean():
     rng = np.random.default_rng(3)
     history = rng.standard_normal((20, 50, 3)) + 100 * rng.standard_normal((20, 1, 3))
-    found = wander(2, 2.0, 40.0, 10.0)(results_of(history, lost=[4]))
+    found = wander(2, 2.0, 2.0, 40.0, 10.0)(results_of(history, lost=[4]))
     spread = np.delete(history, 4, axis=0)[:, 30:40, 2].std(axis=1, ddof=1) / 2.0
-    assert found.value == pytest.approx(np.sqrt(np.mean(spread**2)), rel=1e-4)
+    assert found.value == pytest.approx(
+        np.sqrt((np.sum(spread**2) + 1.0) / 20), rel=1e-4
+    )  # the lost run counts as the cap
     assert (found.runs, found.lost) == (19, 1)
 
 
@@ -80,7 +82,7 @@ def test_quotient_takes_several_components_together():
     for parts in ([2], [0, 1]):
         expected = np.sqrt(np.sum(a[..., parts] ** 2) / np.sum(b[..., parts] ** 2))
         given = parts[0] if len(parts) == 1 else tuple(parts)
-        assert quotient(given, 1.0)(one, other).value == pytest.approx(expected, rel=1e-5)
+        assert quotient(given, 10.0, 1.0)(one, other).value == pytest.approx(expected, rel=1e-5)
 
 
 def test_only_figures_of_a_kind_are_put_in_order():
@@ -166,7 +168,7 @@ def test_a_slice_from_the_runs_to_the_file(cli, short, tmp_path, monkeypatch, nu
     end_s = 20.0 if number == "4.1" else 10.0
     table = thesis_filters.table(dataclasses.replace(whole, end_s=end_s, columns=columns, costs=()))
     monkeypatch.setitem(reproduction.TABLES, number, table)
-    code, _, _ = cli("reproduce", number, "--out", "out", "--workers", 1, "--runs", 3)
+    code, _, _ = cli("reproduce", number, "--out", "out", "--workers", 1, "--runs", 6)
     assert code == 0
     text = (tmp_path / "out" / "REPRODUCTION.md").read_text()
     rows = [line for line in text.splitlines() if line.startswith(("| UKF", "| H-infinity", "| GPF", "| RQMC"))]

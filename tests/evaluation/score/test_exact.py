@@ -170,3 +170,45 @@ def test_intervals_of_the_score_cover() -> None:
         found = [losses.score(losses.capped(one, 3.18))[1] for one in errors]
         misses = np.mean([not low <= true <= high for low, high in found])
         assert misses == pytest.approx(0.052, abs=3 * math.sqrt(0.052 * 0.948 / 400))
+
+
+def test_the_mean_has_all_centres_that_sign_flips_keep() -> None:
+    """Just inside an end no more than 95 % of all patterns are as far from zero, just outside fewer than 5 % are as far."""
+    value, (low, high) = exact.mean(B)
+    assert value == pytest.approx(B.mean())
+    signs = np.array(list(itertools.product((-1, 1), repeat=len(B))))
+    for end, outwards in ((low, -1), (high, 1)):
+        p = [
+            np.mean(np.abs(signs @ (B - c)) >= abs((B - c).sum()) * (1 - 1e-12))
+            for c in (end - outwards * 1e-6, end + outwards * 1e-6)
+        ]
+        assert p[0] > exact.LEVEL >= p[1]
+    assert exact.mean(np.full(8, 2.0)) == (2.0, (2.0, 2.0))
+    assert np.isnan(exact.mean(B[:5])[1]).all()
+
+
+def test_losses_of_time_means() -> None:
+    """Their score is the mean over time of the RMS over runs, and a run moves it as one that is left out does."""
+    rng = np.random.default_rng(5)
+    errors = np.exp(0.5 * rng.standard_normal((400, 1))) * rng.standard_normal((400, 50))
+
+    def armse(e: np.ndarray) -> float:
+        return float(np.sqrt(np.square(e).mean(axis=0)).mean())
+
+    found = losses.of_time_means(errors, math.inf)
+    assert losses.score(found)[0] == pytest.approx(armse(errors), rel=1e-12)
+    without = np.array([armse(np.delete(errors, i, axis=0)) for i in range(50)])
+    moved = math.sqrt(found.mean()) - np.sqrt((found.sum() - found[:50]) / 399)
+    np.testing.assert_allclose(armse(errors) - without, moved, rtol=0.02, atol=2e-5)
+    np.testing.assert_allclose(losses.of_time_means(0.9 * errors, math.inf), 0.81 * found)
+
+
+def test_a_run_counts_in_a_time_mean_with_no_more_than_the_cap() -> None:
+    errors = np.ones((8, 5))
+    for lost in (10.0, math.inf, math.nan, np.array([0, 0, 0, 0, 1e200])):
+        errors[3] = lost
+        some = losses.of_time_means(errors, 2.0)
+        assert math.sqrt(some.mean()) <= math.sqrt((7 + 4) / 8) + 1e-12
+        assert np.isfinite(some).all()
+    errors[3] = 0.0
+    assert losses.score(losses.of_time_means(errors, 2.0))[0] == pytest.approx(math.sqrt(7 / 8))

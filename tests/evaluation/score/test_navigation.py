@@ -111,18 +111,6 @@ def test_nees_of_mixed_units_against_a_dense_inverse():
 # ---- over runs ----
 
 
-def test_a_ratio_of_time_means_is_that_of_the_same_runs():
-    """Runs that are all nine tenths of others, however these scatter, leave no doubt; others are resampled with them."""
-    rng = np.random.default_rng(5)
-    other = np.exp(rng.standard_normal((30, 1))) * (1 + rng.random((30, 50)))
-    value, interval = navigation.ratio_of_time_means(0.9 * other, other)
-    assert (value, *interval) == pytest.approx((0.9, 0.9, 0.9), rel=1e-12)
-    noisy = other * np.exp(0.1 * rng.standard_normal((30, 1)))
-    value, (low, high) = navigation.ratio_of_time_means(noisy, other)
-    assert value == pytest.approx(navigation.time_mean(noisy)[0] / navigation.time_mean(other)[0], rel=1e-12)
-    assert low < value < high
-
-
 def test_armse_is_the_mean_over_time_of_the_rms_over_runs():
     rng = np.random.default_rng(2)
     sizes, course = rng.normal(size=(40, 12)) * 1e-3, 1 + np.exp(-t / 30)

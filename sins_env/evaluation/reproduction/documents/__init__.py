@@ -8,12 +8,16 @@ from __future__ import annotations
 
 from sins_env.evaluation.reproduction.documents import (
     car_coarse,
+    car_courses,
     car_fine,
     car_interference,
     lu,
     sun2012,
     thesis_coarse,
+    thesis_excess,
     thesis_filters,
+    thesis_points,
+    thesis_smoother,
     thesis_together,
     zhao2010,
 )
@@ -22,9 +26,13 @@ from sins_env.evaluation.reproduction.tables import Table
 TABLES: tuple[Table, ...] = (
     *thesis_coarse.TABLES,
     *thesis_filters.TABLES,
+    *thesis_smoother.TABLES,
+    *thesis_points.TABLES,
     *thesis_together.TABLES,
+    *thesis_excess.TABLES,
     *car_coarse.TABLES,
     *car_fine.TABLES,
+    *car_courses.TABLES,
     *car_interference.TABLES,
     *sun2012.TABLES,
     *zhao2010.TABLES,

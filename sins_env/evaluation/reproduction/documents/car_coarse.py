@@ -11,6 +11,7 @@ from sins_env.evaluation.tasks.suite.standing_base import VEHICLE_HEADINGS_DEG, 
 from sins_env.evaluation.tasks.task import EvaluationTask
 
 RECORDS = 10  #: number of records behind each printed figure
+CAP_DEG = 180.0  #: no angle is further off; the printed methods are off by tens of degrees
 COARSE_S = 90.0
 _LAST = 0.1  #: length of the fine phase, whose epoch is read; these estimators go on through it
 
@@ -50,7 +51,7 @@ def _lines(task: EvaluationTask, inertial: float, *analytic: float) -> tuple[Lin
 
     def line(label: str, solver: str, printed: float | None = None, **settings: Any) -> Line:
         figure = None if printed is None else Printed(printed, RECORDS, about_mean=True)
-        return Line(label, task, solver, azimuth(), settings, figure)
+        return Line(label, task, solver, azimuth(cap_deg=CAP_DEG), settings, figure)
 
     return (
         line("inertial, two vectors", "coarse_inertial", inertial, method="two_vector"),

@@ -30,16 +30,16 @@ def task(kind: str, when: str) -> EvaluationTask:
     """Return the task with a kind of disturbance before or after convergence; "both" is a person in, and out again."""
     kinds = ("in", "out") if when == "both" else (kind,)
     events: list[dict[str, Any]] = [{"t": t, "kind": one} for t, one in zip(WHEN[when], kinds, strict=True)]
-    return _car(f"{kind}-{when}", f"{' and '.join(KINDS[one] for one in kinds)}, {when} convergence", events)
+    return car(f"{kind}-{when}", f"{' and '.join(KINDS[one] for one in kinds)}, {when} convergence", events)
 
 
-def _car(name: str, what: str, events: Any) -> EvaluationTask:
+def car(name: str, what: str, events: Any) -> EvaluationTask:
     kwargs = {**CAR.kwargs, "heading_deg": HEADING_DEG, "events": events}
     full, what = f"{_NAME}-{name}-v0", f"simulated parked car, {what}"
     return replace(CAR, name=full, what=what, kwargs=kwargs, records=0, seeds_of=_NAME)
 
 
-UNDISTURBED = _car("quiet", "undisturbed", [])
+UNDISTURBED = car("quiet", "undisturbed", [])
 
 
 def _group(when: str, what: str, unit: str, read: Reader) -> Group:

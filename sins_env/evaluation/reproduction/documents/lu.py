@@ -8,7 +8,8 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any
 
-from sins_env.evaluation.reproduction.pictures.navigation import Curve, against_setting
+from sins_env.evaluation.reproduction.pictures.navigation import Curve, Row, against_setting, rms_over_time
+from sins_env.evaluation.reproduction.pictures.paths import path
 from sins_env.evaluation.reproduction.readings.common import (
     TIME_OF_A_STEP,
     Reader,
@@ -17,8 +18,8 @@ from sins_env.evaluation.reproduction.readings.common import (
     cost_against,
     ratio_of_armse,
 )
-from sins_env.evaluation.reproduction.tables import Group, Line, Source, Table
-from sins_env.evaluation.reproduction.verdicts import Said
+from sins_env.evaluation.reproduction.tables import Group, Line, Picture, Source, Table
+from sins_env.evaluation.reproduction.verdicts import LARGER, SMALLER, Said
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask
 
@@ -29,8 +30,6 @@ ALPHA = {"alpha": 1.345}
 SIGMAS = (6.0, 4.0, 3.0)  #: kernel widths of experiment 2
 SWEEP = (1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)  #: kernel widths of figure 6
 BEST = 2.5  #: the width that is said to be the best
-
-SMALLER, LARGER = Said("smaller", high=1.0), Said("larger", low=1.0)
 
 LOST = "The numbers are lost in the text that we have. "
 LINEAR = (
@@ -67,6 +66,16 @@ CKF: tuple[str, dict[str, Any]] = ("ckf", {})
 HCKF: tuple[str, dict[str, Any]] = ("ckf5", {})
 H_HCKF: tuple[str, dict[str, Any]] = ("huber_ckf5", ALPHA)
 
+
+def _curve(task: EvaluationTask, label: str, of: tuple[str, dict[str, Any]]) -> Curve:
+    return Curve(label, Source(task, *of))
+
+
+def _curves(name: str, caption: str, row: Row) -> Picture:
+    """Return a picture of the position error over time."""
+    return rms_over_time(name, caption, [row], {"position": ()}, runs=RUNS, quick=0)
+
+
 _GAUSS = Table(
     "003.gauss",
     "high-degree and robust filters, Gaussian fixes",
@@ -99,7 +108,19 @@ _GAUSS = Table(
             LINEAR,
         ),
     ),
-    name="experiment 1, table 3",
+    name="experiment 1, figure 4 and table 3",
+    pictures=(
+        path("003-figure-3", "The flight, which is ours, for the table of 003 is lost; after figure 3.", GAUSS),
+        _curves(
+            "003-figure-4",
+            "Position error over time, RMS over runs with its 95 % interval, Gaussian fixes; after figure 4 of 003, whose print "
+            "has no numbers.",
+            Row(
+                "Gaussian fixes",
+                [_curve(GAUSS, "CKF", CKF), _curve(GAUSS, "HCKF", HCKF), _curve(GAUSS, "MCC-HCKF, sigma 6", _mcc(6.0))],
+            ),
+        ),
+    ),
 )
 
 _MIXTURE = Table(
@@ -152,6 +173,21 @@ _MIXTURE = Table(
         ),
     ),
     name="experiment 2, figure 5",
+    pictures=(
+        _curves(
+            "003-figure-5",
+            "Position error over time, RMS over runs with its 95 % interval, where every fifth fix has ten times the variance; "
+            "after figure 5 of 003, whose print has no numbers.",
+            Row(
+                "contaminated fixes",
+                [
+                    _curve(MIXTURE, "HCKF", HCKF),
+                    _curve(MIXTURE, "H-HCKF", H_HCKF),
+                    *(_curve(MIXTURE, f"MCC-HCKF, sigma {sigma:g}", _mcc(sigma)) for sigma in SIGMAS),
+                ],
+            ),
+        ),
+    ),
 )
 
 

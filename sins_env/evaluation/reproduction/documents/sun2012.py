@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from sins_env.evaluation.reproduction.pictures.navigation import Curve, Row, rms_over_time
+from sins_env.evaluation.reproduction.pictures.paths import path
 from sins_env.evaluation.reproduction.readings.common import armse, ratio_of_armse
-from sins_env.evaluation.reproduction.tables import Group, Line, Source, Table
+from sins_env.evaluation.reproduction.tables import Group, Line, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import Printed, PrintedRatio, Said
 from sins_env.evaluation.score.quantities import QUANTITIES
 from sins_env.evaluation.tasks.catalogue import get_task
@@ -100,15 +101,23 @@ def _groups(flight: Flight) -> tuple[Group, ...]:
 
 
 COURSES = ((FIXED, "errors of the start fixed"), (DRAWN, "errors of the start drawn"))
-PICTURE = rms_over_time(
-    "001-table-1",
-    "RMS over runs against time with its 95 % interval, as figures 2 to 6 of 001 have it. Dotted: the printed averages. Black: "
-    "the Cramér-Rao bound, which exists where the start is drawn.",
-    [Row(short, [Curve(label, Source(task, solver)) for label, solver in FILTERS.items()]) for task, short in COURSES],
-    {name: PRINTED[name] for name in ("azimuth", "pitch", "position")},
-    runs=RUNS,
-    quick=0,
-)
+
+
+def _over_time(name: str, figures: str, quantities: tuple[str, ...]) -> Picture:
+    """Return a picture of the errors over time under both starts."""
+    return rms_over_time(
+        name,
+        f"RMS over runs against time with its 95 % interval, after figures {figures} of 001, whose curves have no numbers. "
+        "Dotted: the averages of table 1. Black: the Cramér-Rao bound, which exists where the start is drawn.",
+        [
+            Row(short, [Curve(label, Source(task, solver)) for label, solver in FILTERS.items()])
+            for task, short in COURSES
+        ],
+        {quantity: PRINTED[quantity] for quantity in quantities},
+        runs=RUNS,
+        quick=0,
+    )
+
 
 TABLES = (
     Table(
@@ -119,6 +128,14 @@ TABLES = (
         "are taken as one. Quotients are of the same runs; the printed ones are worked out from the table.",
         tuple(group for flight in FLIGHTS for group in _groups(flight)),
         name="table 1",
-        pictures=(PICTURE,),
+        pictures=(
+            path(
+                "001-figure-1",
+                "The flight of 001 as its text gives it: 2 m/s, quarter circles, a climb and a descent; after figure 1.",
+                DRAWN,
+            ),
+            _over_time("001-table-1", "2, 4 and 5", ("azimuth", "pitch", "position")),
+            _over_time("001-figure-3", "3 and 6", ("roll", "velocity")),
+        ),
     ),
 )

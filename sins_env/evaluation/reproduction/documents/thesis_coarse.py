@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from sins_env.evaluation.reproduction.pictures.common import legend, plain
 from sins_env.evaluation.reproduction.pictures.courses import AXES
-from sins_env.evaluation.reproduction.readings.common import errors_at, mean_error, spread_of_error
+from sins_env.evaluation.reproduction.readings.common import FAILED, error, errors_at, mean_error
 from sins_env.evaluation.reproduction.readings.sway import largest
 from sins_env.evaluation.reproduction.tables import Group, Line, Picture, Source, Table
 from sins_env.evaluation.reproduction.verdicts import Print, Printed, PrintedMean, Said
@@ -66,7 +67,7 @@ def _line(label: str, read: Any, printed: Print | None = None) -> Line:
 def _lines(i: int, *more: Line) -> tuple[Line, ...]:
     """Return the lines of a component: mean and standard deviation from two vectors, and the latter of later methods."""
     unit, _, mean, std = PRINTED[i]
-    spread = spread_of_error(i, unit, COARSE_S)
+    spread = error(i, unit, FAILED * float(TASK.delta[i]), COARSE_S, about_mean=True)
     return (
         _line(f"{AXES[i]}: mean", mean_error(i, unit, COARSE_S), PrintedMean(mean, std, RECORDS)),
         _line(f"{AXES[i]}: std", spread, Printed(std, RECORDS, True, AXES[i])),
@@ -91,11 +92,8 @@ def _draw(results: Sequence[Results]) -> Figure:
         axes.set_title(f"{AXES[i]}, two vectors", loc="left", fontsize=10)
         axes.set_ylabel(f"error after {COARSE_S:g} s, {sample.unit_name}")
         axes.set_xlabel("run")
-        axes.grid(alpha=0.3, linewidth=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.tick_params(labelsize=9)
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9)
+        plain(axes)
+    legend(figure, [axes])
     return figure
 
 

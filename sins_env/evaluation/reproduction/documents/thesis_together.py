@@ -17,11 +17,12 @@ from sins_env.evaluation.reproduction.documents.thesis_filters import (
     QUICK,
     RUNS,
     WHITE,
+    cap,
     task_of,
 )
 from sins_env.evaluation.reproduction.readings.common import bound_at, errors_at
 from sins_env.evaluation.reproduction.tables import Group, Line, Picture, Source, Table
-from sins_env.evaluation.reproduction.verdicts import Estimate, Printed, root_mean_square
+from sins_env.evaluation.reproduction.verdicts import Estimate, Printed, capped_rms
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show.style import COLOURS, new_figure
 from sins_env.units import ARCSEC
@@ -57,19 +58,19 @@ def printed_extremes() -> tuple[float, float]:
 class _Together:
     """Reader of the RMS azimuth over runs and some times, arcsec, with its bound."""
 
-    def __init__(self, times_s: Sequence[float]) -> None:
-        self._times = times_s
+    def __init__(self, noise: str, times_s: Sequence[float]) -> None:
+        self._times, self._cap = times_s, cap(noise, MATCHED, AZIMUTH) / ARCSEC
 
     def __call__(self, results: Results) -> Estimate:
         squares = [np.square(errors_at(results, t)[:, AZIMUTH] / ARCSEC) for t in self._times]
         bound = [(bound_at(results, AZIMUTH, t) / ARCSEC) ** 2 for t in self._times]
-        return root_mean_square(np.sqrt(np.mean(squares, axis=0)), bound=math.sqrt(np.mean(bound)))
+        return capped_rms(np.sqrt(np.mean(squares, axis=0)), self._cap, bound=math.sqrt(np.mean(bound)))
 
 
 def _lines(noise: str) -> Iterator[Line]:
     for new, who in ((True, "new filters"), (False, FIRST)):
         printed = azimuths(noise, new)
-        read = _Together([t for _, t, _ in printed])
+        read = _Together(noise, [t for _, t, _ in printed])
         rms = math.sqrt(np.mean([value**2 for *_, value in printed]))
         for records, words in ((len(printed), "each a record of its own"), (1, "one record in all"))[: 1 + new]:
             yield Line(f"{who}, {words}", task_of(noise, MATCHED), "ckf", read, {}, Printed(rms, records))

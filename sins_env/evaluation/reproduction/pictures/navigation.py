@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sins_env.evaluation.reproduction.pictures.common import legend, plain
 from sins_env.evaluation.reproduction.readings.common import armse
 from sins_env.evaluation.reproduction.tables import Picture, Source
 from sins_env.evaluation.reproduction.verdicts import Estimate
@@ -70,7 +71,7 @@ def _draw_rms(rows: Sequence[Row], printed: Mapping[str, Sequence[float]], resul
         _log(column)
         for axes in column:
             axes.set_ylabel(f"RMS, {QUANTITIES[name].unit_name}")
-    _legend(figure, panels)
+    legend(figure, panels.ravel(), columns=5)
     return figure
 
 
@@ -91,7 +92,7 @@ def _rms(axes: Axes, name: str, drawn: Sequence[tuple[str, Results]], printed: S
         some = slice(None, None, max(len(sigma) // POINTS, 1))
         axes.plot(bound.t[some], sigma[some], label="Cramér-Rao bound", **BLACK)
     axes.set_xlim(0, drawn[0][1].records.criteria.duration_s)
-    _plain(axes)
+    plain(axes)
 
 
 def against_setting(
@@ -138,20 +139,14 @@ def _draw_setting(
     axes.set(xlabel=setting, ylabel=f"{QUANTITIES[quantity].name}, {QUANTITIES[quantity].unit_name}", xscale="log")
     axes.set_xticks(values, [f"{value:g}" for value in values])
     axes.minorticks_off()
-    _plain(axes)
-    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    plain(axes)
+    legend(figure, [axes], columns=3)
     return figure
 
 
 def _across(axes: Axes, one: Estimate, label: str, i: int) -> None:
     axes.axhspan(one.low, one.high, color=style(i)["color"], alpha=0.1, linewidth=0)
     axes.axhline(one.value, label=label, **style(i))
-
-
-def _plain(axes: Axes) -> None:
-    axes.grid(alpha=0.3, linewidth=0.6)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(labelsize=9)
 
 
 def _log(column: NDArray[np.object_]) -> None:
@@ -163,13 +158,3 @@ def _log(column: NDArray[np.object_]) -> None:
     axes.set_ylim(bottom=0.7 * min(np.min(line.get_ydata()) for one in column for line in one.lines))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_formatter(FuncFormatter(few_labels(axes.yaxis)))
-
-
-def _legend(figure: Figure, panels: NDArray[np.object_]) -> None:
-    """Draw one legend for all panels."""
-    known = {
-        label: handle
-        for axes in panels.ravel()
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-    }
-    figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=5, frameon=False, fontsize=9)

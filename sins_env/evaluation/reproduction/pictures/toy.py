@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sins_env.evaluation.reproduction.pictures.common import legend, plain
 from sins_env.evaluation.show.style import new_figure, style
 
 if TYPE_CHECKING:
@@ -35,13 +36,10 @@ def draw_example(number: int, example: Any) -> Figure:
         _noise(next(panels), example, name, limits)
     for state in states:
         _errors(next(panels), example, state)
-    known: dict[str, Any] = {}
     for axes in figure.axes:
-        axes.grid(alpha=0.3, linewidth=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
+        plain(axes)
         axes.set(xlim=(0, len(example.truth.x)), xlabel="step")
-        known |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=5, frameon=False, fontsize=9)
+    legend(figure, figure.axes, columns=5)
     return figure
 
 

@@ -1,6 +1,7 @@
 """Readings that all tables share: errors at a time and over time, quotients with another filter, and cost.
 
-A function whose docstring begins with "Make a reader" returns a function from results to an estimate.
+A function whose docstring begins with "Make a reader" returns a function from results to an estimate. A ``cap`` is the error
+that a failed run counts with, in SI units; no run counts with more. See docs/tasks_and_scores.md#reproduction.
 """
 
 from __future__ import annotations
@@ -11,14 +12,17 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sins_env.arrays import Array, Mask
-from sins_env.evaluation.reproduction.verdicts import NOTHING, Estimate, mean, root_mean_square
-from sins_env.evaluation.score import paired, quantities, resampling
-from sins_env.evaluation.score.navigation import bound_means, known_history, ratio_of_time_means
+from sins_env.evaluation.play.criteria import AZIMUTH, PHI, Criteria
+from sins_env.evaluation.reproduction.verdicts import NOTHING, Estimate, capped_rms, mean, ratio
+from sins_env.evaluation.score import exact, losses, paired, quantities
+from sins_env.evaluation.score.headline import CAPS
+from sins_env.evaluation.score.navigation import bound_means, known_history
 from sins_env.evaluation.score.results import Results
 
 Reader = Callable[..., Estimate]
 COST_REPEATS = 0.1  #: relative error of a measured cost; UKF over CKF, the same code, gave 0.98 and 1.05
 TIME_OF_A_STEP = f"time of a step, ± {100 * COST_REPEATS:g} %"  #: title of a group of costs
+FAILED = CAPS  #: thresholds of alignment beyond which a run has failed
 
 
 def end_errors(results: Results, points: int = 0) -> Array:
@@ -51,12 +55,12 @@ def bound_at(results: Results, component: int, t_s: float) -> float:
     return float(np.interp(t_s, bound.t, bound.sigma[:, component]))
 
 
-def error(component: int, unit: float, t_s: float, over_s: float = 0.0) -> Reader:
-    """Make a reader of the RMS over runs of an error component at a time, with its bound."""
+def error(component: int, unit: float, cap: float, t_s: float, over_s: float = 0.0, about_mean: bool = False) -> Reader:
+    """Make a reader of the RMS over runs of an error component at a time, or of its standard deviation, with its bound."""
 
     def read(results: Results) -> Estimate:
         bound = bound_at(results, component, t_s) / unit
-        return root_mean_square(errors_at(results, t_s, over_s)[:, component] / unit, bound=bound)
+        return capped_rms(errors_at(results, t_s, over_s)[:, component] / unit, cap / unit, about_mean, bound)
 
     return read
 
@@ -66,28 +70,18 @@ def mean_error(component: int, unit: float, t_s: float) -> Reader:
     return lambda results: mean(errors_at(results, t_s)[:, component] / unit)
 
 
-def spread_of_error(component: int, unit: float, t_s: float) -> Reader:
-    """Make a reader of the standard deviation over runs of an error component at a time."""
-
-    def read(results: Results) -> Estimate:
-        bound = bound_at(results, component, t_s) / unit
-        return root_mean_square(errors_at(results, t_s)[:, component] / unit, about_mean=True, bound=bound)
-
-    return read
-
-
-def apart(component: int, unit: float, t_s: float, over_s: float = 0.0) -> Reader:
+def apart(component: int, unit: float, cap: float, t_s: float, over_s: float = 0.0) -> Reader:
     """Make a reader of the RMS over runs of the difference between the errors of two filters in the same run."""
 
     def read(one: Results, other: Results) -> Estimate:
         mine, its = paired.common(one.records, other.records)
         a, b = (errors_at(r, t_s, over_s)[rows, component] / unit for r, rows in ((one, mine), (other, its)))
-        return root_mean_square(a - b)
+        return capped_rms(a - b, cap / unit)
 
     return read
 
 
-def quotient(component: int | Sequence[int], t_s: float, over_s: float = 0.0) -> Reader:
+def quotient(component: int | Sequence[int], cap: float, t_s: float, over_s: float = 0.0) -> Reader:
     """Make a reader of the RMS of error components, taken together, over that of another filter in the same runs."""
     parts = np.atleast_1d(component)
 
@@ -95,10 +89,22 @@ def quotient(component: int | Sequence[int], t_s: float, over_s: float = 0.0) ->
         mine, its = paired.common(one.records, other.records)
         pairs = ((one, mine), (other, its))
         a, b = (np.linalg.norm(errors_at(r, t_s, over_s)[rows][:, parts], axis=1) for r, rows in pairs)
-        known = np.isfinite(a) & np.isfinite(b)
-        return _estimate(paired.ratio_of_rms(a[known], b[known]), int(known.sum()), int((~known).sum()))
+        return ratio(losses.capped(a, cap), losses.capped(b, cap), int((~np.isfinite(a + b)).sum()))
 
     return read
+
+
+def limit(criteria: Criteria, quantity: quantities.Quantity) -> float:
+    """Return the length of a quantity's limits of divergence; heading, pitch and roll have those of azimuth and level."""
+    east, north, *_ = range(PHI.start, PHI.stop)
+    limits = np.append(criteria.limit, criteria.limit[[AZIMUTH, east, north]])
+    return float(np.linalg.norm(limits[list(quantity.parts)]))
+
+
+def time_losses(results: Results, name: str) -> Array:
+    """Return the losses (R,) whose score is the ARMSE of a quantity of navigation, capped at its limit of divergence, SI."""
+    quantity = quantities.quantity(name, True)
+    return losses.of_time_means(lengths(results, name), limit(results.records.criteria, quantity))
 
 
 def armse(name: str) -> Reader:
@@ -108,13 +114,10 @@ def armse(name: str) -> Reader:
     """
 
     def read(results: Results) -> Estimate:
-        unit = quantities.quantity(name, True).unit
-        found, runs = results.summary.navigation, len(results.records)
-        assert found is not None
-        value, (low, high) = found.armse[name]
-        bound = results.bound
+        unit, bound = quantities.quantity(name, True).unit, results.bound
+        value, (low, high) = losses.score(time_losses(results, name))
         least = bound_means(results.records, bound)[name] if bound and bound.holds else math.nan
-        return Estimate(value / unit, low / unit, high / unit, runs, 0, least / unit)
+        return Estimate(value / unit, low / unit, high / unit, len(results.records), 0, least / unit)
 
     return read
 
@@ -124,8 +127,7 @@ def ratio_of_armse(name: str) -> Reader:
 
     def read(one: Results, other: Results) -> Estimate:
         mine, its = paired.common(one.records, other.records)
-        a, b = (lengths(r, name)[rows] for r, rows in ((one, mine), (other, its)))
-        return _estimate(ratio_of_time_means(a, b), len(mine))
+        return ratio(time_losses(one, name)[mine], time_losses(other, name)[its])
 
     return read
 
@@ -145,18 +147,11 @@ def failed(results: Results) -> Estimate:
 
 
 def percentage(flags: Mask) -> Estimate:
-    """Compute the share of runs with a flag (R,), %."""
-    value, (low, high) = paired.proportion(float(flags.mean()), len(flags))
-    return Estimate(100 * value, round(100 * low, 9), round(100 * high, 9), len(flags))
-
-
-def median(values: Array) -> Estimate:
-    """Compute the median of values (R,); NaN marks lost runs."""
-    known = values[np.isfinite(values)]
-    lost = len(values) - len(known)
-    if len(known) < 2:
-        return Estimate(math.nan, math.nan, math.nan, len(known), lost)
-    return _estimate(resampling.median_interval(known), len(known), lost)
+    """Compute the share of runs with a flag (R,), %; there is none without a run."""
+    if not len(flags):
+        return NOTHING
+    value, (low, high) = exact.share(int(flags.sum()), len(flags))
+    return Estimate(100 * value, 100 * low, 100 * high, len(flags))
 
 
 def cost(results: Results) -> Estimate:
@@ -167,16 +162,11 @@ def cost(results: Results) -> Estimate:
 
 def cost_against(one: Results, other: Results) -> Estimate:
     """Read the cost of a step, relative to that of another filter; another measurement may differ by COST_REPEATS."""
-    ratio = cost(one).value / cost(other).value
-    return Estimate(ratio, ratio * (1 - COST_REPEATS), ratio * (1 + COST_REPEATS), 0)
+    found = cost(one).value / cost(other).value
+    return Estimate(found, found * (1 - COST_REPEATS), found * (1 + COST_REPEATS), 0)
 
 
 def batch_cost_against(one: Results, other: Results) -> Estimate:
     """Read the median cost of a run in its batch, relative to that of another filter."""
     a, b = (float(np.median(results.records.step_s)) for results in (one, other))
     return Estimate(a / b, a / b, a / b, len(one.records))
-
-
-def _estimate(found: paired.Estimate, runs: int, lost: int = 0) -> Estimate:
-    value, (low, high) = found
-    return Estimate(value, low, high, runs, lost)

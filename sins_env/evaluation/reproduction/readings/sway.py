@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sins_env.arrays import Array
 from sins_env.evaluation.reproduction.readings.common import Reader, errors_at
-from sins_env.evaluation.reproduction.verdicts import Estimate, root_mean_square
-from sins_env.evaluation.score.resampling import TAILS, median_interval
+from sins_env.evaluation.reproduction.verdicts import Estimate, capped_rms, median
+from sins_env.evaluation.score.resampling import TAILS
 from sins_env.evaluation.score.results import Results
 
 
@@ -17,30 +18,27 @@ def settling(components: int | Sequence[int], within: float, until_s: float) -> 
 
     Times are s from switch-on. A run that is outside at the end has an infinite one. Lost runs are left out and counted.
     """
-
-    def read(results: Results) -> Estimate:
-        records, t = results.records, np.asarray(results.records.criteria.history_t)
-        span = t <= until_s + 1e-6
-        errors = np.abs(records.history[:, span][:, :, np.atleast_1d(components)]).max(axis=2)[~records.unfinished]
-        lost = int(records.unfinished.sum())
-        if not len(errors):
-            return Estimate(np.nan, np.nan, np.nan, 0, lost)
-        outside = np.arange(1, span.sum() + 1) * ~(errors <= within)  # a NaN is not within
-        times = np.append(t[span], np.inf)[outside.max(axis=1)]
-        value, (low, high) = median_interval(times)
-        return Estimate(value, low, high, len(times), lost)
-
-    return read
+    return lambda results: median(settled_s(results, components, within, until_s))
 
 
-def wander(component: int, unit: float, t_s: float, over_s: float) -> Reader:
+def settled_s(results: Results, components: int | Sequence[int], within: float, until_s: float) -> Array:
+    """Return the times (R,), s, from which on errors stay ``within`` until ``until_s``; NaN for a lost run."""
+    records, t = results.records, np.asarray(results.records.criteria.history_t)
+    span = t <= until_s + 1e-6
+    errors = np.abs(records.history[:, span][:, :, np.atleast_1d(components)]).max(axis=2)
+    outside = np.arange(1, span.sum() + 1) * ~(errors <= within)  # a NaN is not within
+    times = np.append(t[span], np.inf)[outside.max(axis=1)]
+    return np.where(records.unfinished, np.nan, times)
+
+
+def wander(component: int, unit: float, cap: float, t_s: float, over_s: float) -> Reader:
     """Make a reader of the standard deviation of an error in the ``over_s`` s before a time, RMS over runs."""
 
     def read(results: Results) -> Estimate:
         records, t = results.records, np.asarray(results.records.criteria.history_t)
         span = (t > t_s - over_s + 1e-6) & (t <= t_s + 1e-6)
         spread = records.history[:, span, component].std(axis=1, ddof=1, dtype=np.float64) / unit
-        return root_mean_square(np.where(records.unfinished, np.nan, spread))
+        return capped_rms(np.where(records.unfinished, np.nan, spread), cap / unit)
 
     return read
 
