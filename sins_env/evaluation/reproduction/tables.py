@@ -40,8 +40,8 @@ class Line:
     printed: Print | None = None  #: printed figure; None if the source has none
     against: Source | None = None  #: other runs whose results ``read`` gets as well
     timed: bool = False  #: whether ``read`` needs the cost of a step
-    lucky: bool = False  #: whether ``read`` needs the oracle in the same runs
     quick: bool = True  #: whether a first look shows the line, if it shows its group
+    lucky: bool = False  #: whether ``read`` needs the oracle in the same runs
 
     @property
     def sources(self) -> tuple[Source, ...]:
