@@ -2,7 +2,8 @@
 
     python benchmarks/peers.py                                   installs the packages, measures, prints the table
     python benchmarks/peers.py --json benchmarks/peers.json      and keeps the result; --md FILE: as Markdown
-    python benchmarks/peers.py --readme                          writes README's section from the kept result
+    python benchmarks/peers.py --readme                          writes README's section from the kept result, or from the new
+                                                                 one if --json or --md is given too
 
 The packages live in the environment ``.venv-peers``, which the first call makes. Every package filters the same record with
 each filter that it has (KF, EKF, UKF, CKF), with a call for each fix, as an environment wants it. Those on JAX filter whole
@@ -17,9 +18,10 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from importlib.metadata import distribution
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -44,14 +46,14 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--runs", type=int, nargs="+", default=[64, 1024], help="batch sizes beside 1 (default 64 1024)")
     p.add_argument("--json", type=Path, metavar="FILE", help="write the result")
     p.add_argument("--md", type=Path, metavar="FILE", help="write the table as Markdown")
-    p.add_argument("--readme", action="store_true", help=f"write README's section from {RESULT.name}; measures nothing")
+    p.add_argument("--readme", action="store_true", help=f"write README's section; alone: from {RESULT.name}")
     return p
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     given = parser().parse_args(arguments)
-    if given.readme:
-        README.write_text(replaced(README.read_text(), SECTION, tables.section(json.loads(RESULT.read_text()))))
+    if given.readme and not (given.json or given.md):
+        write_readme(json.loads(RESULT.read_text()))
         return 0
     for name, least in (("steps", 2), ("rounds", 1)):
         if getattr(given, name) < least:
@@ -92,6 +94,13 @@ def measure(given: argparse.Namespace) -> None:
         given.json.write_text(json.dumps(result, indent=1) + "\n")
     if given.md:
         given.md.write_text(tables.document(result))
+    if given.readme:
+        write_readme(result)
+
+
+def write_readme(result: Mapping[str, Any]) -> None:
+    """Write README's section from a result."""
+    README.write_text(replaced(README.read_text(), SECTION, tables.section(result)))
 
 
 def gone(installed: Collection[str]) -> dict[str, list[str]]:

@@ -34,6 +34,8 @@ TASK = "sway-white-v0"
 BLOCK_S = 0.03  #: s, least time of a block in a round
 NOISIER = 1e4  #: factor of Q in a second comparison of the estimates, which shows a filter that leaves out Q
 FEW = 4  #: number of runs for a package that takes one at a time; more runs take equally long each
+LONG_S = 2.0  #: s, time of the first calls of a filter from which on it is told
+BEGAN = time.perf_counter()
 
 
 @dataclass
@@ -116,6 +118,11 @@ def differences(reference: Gaussian, end: Gaussian) -> tuple[float, float]:
     return float(mean.max()), float(cov.max())
 
 
+def say(text: str) -> None:
+    """Print a line with the time since the beginning, for what takes long."""
+    print(f"{time.perf_counter() - BEGAN:6.1f} s  {text}", flush=True)
+
+
 def load(name: str, absent: dict[str, str]) -> Any:
     """Import the module with a package's entries; if that fails return None, and put the reason into ``absent``."""
     try:
@@ -140,6 +147,8 @@ def entered(problem: Problem, peers: dict[str, Any], sizes: Sequence[int], absen
             absent[f"{label} ({entry.numbers})"] = f"{type(error).__name__}: {error}"
         else:
             found.append(Entered(peer, entry, blocks))
+            if (spent := sum(timed.first_s for timed in blocks.values())) > LONG_S:
+                say(f"{label}, {entry.how}: {spent:.1f} s for the first calls")
     return found
 
 
@@ -179,13 +188,17 @@ def measured(steps: int, rounds: int, sizes: Sequence[int]) -> dict[str, Any]:
     modules = {name: load(name, absent) for name in PEERS if name not in absent}
     there = {name: module for name, module in modules.items() if module is not None}
     navigator = there.pop("pyins", None)
+    say(f"recording {steps} epochs of {TASK} with {max(FEW, *sizes):,} runs")
     problem = record(TASK, max(FEW, *sizes), steps)
+    say("first calls, which compile")
     entries = entered(problem, {"sins_env": ours, tables.HAND: by_hand, **there}, sizes, absent)
     flights = flown(steps, navigator)
     loads = [os.getloadavg()[0]]
+    say(f"{rounds} rounds")
     others = play([*(t for e in entries for t in e.blocks.values()), *flights.values()], rounds)
     loads.append(os.getloadavg()[0])
     reference = {e.entry.filter: e.blocks[sizes[0]].end for e in entries if e.peer == "sins_env"}
+    say("the filters with more noise, to compare")
     loud = replace(problem, Q=NOISIER * problem.Q)
     noisier = {"problem": loud} | {e.filter: e.make(loud, FEW)() for e in ours.entries()}
     return {

@@ -15,8 +15,9 @@ import numpy as np
 
 from sins_env.arrays import Array, Mask
 from sins_env.kernels import helper, kernel
-from solvers.blocks.square_root import cholesky, symmetrize
-from solvers.types import Gaussian, Innovation, Moments
+from solvers.blocks.moments import Affine, grow, linear_moments, look, products
+from solvers.blocks.square_root import cholesky, decompose, some, symmetrize
+from solvers.types import Gaussian, Innovation, Linear, Moments
 
 #: Least variance after a fix, relative to that before. P - W'W keeps no more digits: without a floor a prior of 1e16 would
 #: leave variances of either sign.
@@ -84,10 +85,103 @@ def condition(prior: Gaussian, predicted: Moments, z: Array) -> tuple[Gaussian, 
     return Gaussian(mean, cov), Innovation(residual, predicted.cov), repaired
 
 
+def condition_affine(prior: Gaussian, h: Affine, R: Array, z: Array) -> tuple[Gaussian, Innovation, Mask | None]:
+    """Return what ``condition`` does for z = h(x) + v with v ~ N(0, R), to the bit: in one kernel if no S needs a repair."""
+    (H, offset), value = h
+    if H.shape[-2] < H.shape[-1]:
+        known = value is not None
+        given = value if known else _zeros(H.shape[-2]) if offset is None else offset
+        mean, cov, residual, S, bad = _corrected(prior.mean, prior.cov, H, given, known, R, z)
+        if not some(bad):
+            return Gaussian(mean, cov), Innovation(residual, S), None
+    return condition(prior, linear_moments(h.map, prior, R, value), z)
+
+
+def advance_affine(
+    x: Gaussian, f: Affine, Q: Array, h: Linear, R: Array, z: Array
+) -> tuple[Gaussian, Innovation] | None:
+    """Return the Gaussian of f(x) + w, w ~ N(0, Q), given z = h(x) + v, and the innovation: both steps in one kernel.
+
+    They have the bits of the steps one by one. None: these are needed, for some S needs a repair or a result is not finite.
+    """
+    H, offset = h
+    if H.shape[-2] >= H.shape[-1]:
+        return None
+    ahead, P, _ = products(f, x)
+    offset = _zeros(H.shape[-2]) if offset is None else offset
+    mean, cov, residual, S, bad = _advanced(ahead, P, Q, H, offset, R, z)
+    return None if some(bad) else (Gaussian(mean, cov), Innovation(residual, S))
+
+
+@cache
+def _zeros(m: int) -> Array:
+    """Return zeros (m,), which nobody may change."""
+    zeros = np.zeros(m)
+    zeros.setflags(write=False)
+    return zeros
+
+
+@kernel("(n),(n,n),(m,n),(m),(),(m,m),(m)->(n),(n,n),(m),(m,m),()", "dddd?dddddd?")
+def _corrected(
+    x: Array, P: Array, H: Array, given: Array, known: bool, R: Array, z: Array,
+    mean: Array, cov: Array, residual: Array, S: Array, bad: Mask,
+) -> None:  # fmt: skip
+    bad[0] = not correct(x, P, H, given, known, R, z, mean, cov, residual, S)
+
+
+@kernel("(n),(n,n),(n,n),(m,n),(m),(m,m),(m)->(n),(n,n),(m),(m,m),()", "ddddddddddd?")
+def _advanced(
+    x: Array, P: Array, Q: Array, H: Array, offset: Array, R: Array, z: Array,
+    mean: Array, cov: Array, residual: Array, S: Array, bad: Mask,
+) -> None:  # fmt: skip
+    n = len(x)
+    ahead, size = np.empty((n, n)), 0.0
+    grow(P, Q, ahead)
+    bad[0] = not correct(x, ahead, H, offset, False, R, z, mean, cov, residual, S)
+    if bad[0]:
+        return
+    for i in range(n):
+        size += abs(mean[i])
+        for j in range(i + 1):
+            size += abs(cov[i, j])
+    bad[0] = not size < math.inf
+
+
+@helper
+def correct(
+    x: Array, P: Array, H: Array, given: Array, known: bool, R: Array, z: Array,
+    mean: Array, cov: Array, residual: Array, S: Array,
+) -> bool:  # fmt: skip
+    """Fill in what ``condition`` returns, and return True; if S is not positive definite, return False.
+
+    The prediction of z is ``given`` if it is ``known``, else H x + ``given``.
+    """
+    m, n = H.shape
+    rows = np.empty((1 + m + n, m))
+    y, L, cross = rows[0], rows[1 : 1 + m], rows[1 + m :]
+    look(H, x, P, y, S, cross)
+    for i in range(m):
+        y[i] = given[i] if known else y[i] + given[i]
+        for j in range(m):
+            S[i, j] += R[i, j]
+    if not decompose(S, L):
+        return False
+    posterior(x, P, y, cross, L, z, mean, cov, residual)
+    return True
+
+
 @kernel("(n),(n,n),(m),(n,m),(m,m),(m)->(n),(n,n),(m)")
 def _posterior(
     x: Array, P: Array, y: Array, cross: Array, L: Array, z: Array, mean: Array, cov: Array, residual: Array
 ) -> None:
+    posterior(x, P, y, cross, L, z, mean, cov, residual)
+
+
+@helper
+def posterior(
+    x: Array, P: Array, y: Array, cross: Array, L: Array, z: Array, mean: Array, cov: Array, residual: Array
+) -> None:
+    """Fill in mean and covariance given z, and z - y, from the moments y, P_xy and the lower root L of S."""
     n, m = cross.shape
     both = np.empty((m, n + 1))
     W, e = both[:, :n], both[:, n]

@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
 from sins_env.arrays import Array, Mask
 from sins_env.checks import choice, keep
-from sins_env.kernels import kernel
+from sins_env.kernels import helper, kernel
 from sins_env.kernels.algebra import inner
 from solvers.blocks.sigma_rules import PointRule, Points, points
 from solvers.blocks.square_root import ROOTS, symmetrize
@@ -32,32 +32,69 @@ class MomentRule(Protocol):
     def moments(self, g: Function, x: Gaussian) -> tuple[Moments, Mask | None]: ...
 
 
-def transform(g: Function, x: Gaussian, rule: MomentRule) -> tuple[Gaussian, Mask | None]:
-    """Return mean (..., m) and covariance (..., m, m) of g(x), and a mask (...) of runs whose covariance was repaired."""
+class Affine(NamedTuple):
+    """An affine map in the place of a function, and its value at the mean of a Gaussian."""
+
+    map: Linear
+    value: Array | None = None  #: (..., m); None: not known
+
+
+def affine(g: Function, x: Gaussian, rule: MomentRule) -> Affine | None:
+    """Return the affine map that stands for g: g itself, or its tangent. None: the rule has none."""
     if isinstance(g, Linear):
-        y = linear_moments(g, x)
-        return Gaussian(y.mean, y.cov), None
-    return rule.transform(g, x)
+        return Affine(g)
+    return rule.tangent(g, x) if isinstance(rule, Linearized) else None
+
+
+def transform(g: Function, x: Gaussian, rule: MomentRule, noise: Array | None = None) -> tuple[Gaussian, Mask | None]:
+    """Return mean (..., m) and covariance (..., m, m) of g(x) + w, and a mask (...) of runs whose covariance was repaired.
+
+    ``noise`` (..., m, m) is the covariance of w; None: there is no w.
+    """
+    line = affine(g, x, rule)
+    if line is not None:
+        mean, cov, _ = linear_moments(line.map, x, noise, line.value)
+        return Gaussian(mean, cov), None
+    y, repaired = rule.transform(g, x)
+    return y if noise is None else Gaussian(y.mean, y.cov + noise), repaired
 
 
 def moments(g: Function, x: Gaussian, rule: MomentRule) -> tuple[Moments, Mask | None]:
-    """Return what ``transform`` does, and the cross covariance (..., n, m) of x and g(x) with it."""
-    return (linear_moments(g, x), None) if isinstance(g, Linear) else rule.moments(g, x)
+    """Return mean and covariance of g(x) as ``transform`` does, and the cross covariance (..., n, m) of x and g(x) with them."""
+    line = affine(g, x, rule)
+    return rule.moments(g, x) if line is None else (linear_moments(line.map, x, None, line.value), None)
 
 
-def linear_moments(g: Linear, x: Gaussian) -> Moments:
-    """Return the exact moments of an affine map."""
-    F = g.matrix
+def linear_moments(g: Linear, x: Gaussian, noise: Array | None = None, mean: Array | None = None) -> Moments:
+    """Return the exact moments of an affine map, with the covariance ``noise`` (..., m, m) added.
+
+    ``mean`` (..., m) is that of the map, if it is known.
+    """
+    F, offset = g
     if F.shape[-2] < F.shape[-1]:
-        mean, cov, cross = _seen(F, x.mean, x.cov)
-    else:  # full matrices are three times as fast in BLAS
-        cross = x.cov @ F.mT
-        mean, cov = np.matmul(F, x.mean[..., None])[..., 0], symmetrize(F @ cross)
-    return Moments(mean if g.offset is None else mean + g.offset, cov, cross)
+        seen, cov, cross = _seen(F, x.mean, x.cov)
+        cov = cov if noise is None else cov + noise
+        mean = mean if mean is not None else seen if offset is None else seen + offset
+        return Moments(mean, cov, cross)
+    mean, cov, cross = products(Affine(g, mean), x)
+    return Moments(mean, symmetrize(cov) if noise is None else _grown(cov, noise), cross)
 
 
-@kernel("(m,n),(n),(n,n)->(m),(m,m),(n,m)")
-def _seen(H: Array, x: Array, P: Array, mean: Array, cov: Array, cross: Array) -> None:
+def products(g: Affine, x: Gaussian) -> tuple[Array, Array, Array]:
+    """Return mean (..., m), covariance (..., m, m) and cross covariance (..., n, m) of an affine map of many rows.
+
+    The covariance is symmetric but for rounding. Full matrices are three times as fast in BLAS as in a kernel.
+    """
+    (F, offset), mean = g
+    cross = x.cov @ F.mT
+    if mean is None:
+        mean = np.matmul(F, x.mean[..., None])[..., 0]
+        mean = mean if offset is None else mean + offset
+    return mean, F @ cross, cross
+
+
+@helper
+def look(H: Array, x: Array, P: Array, mean: Array, cov: Array, cross: Array) -> None:
     """Fill in H x, H P H' and P H' for a few rows H; zeros are left out, since a row often has a single state."""
     m, n = H.shape
     for j in range(m):
@@ -77,6 +114,24 @@ def _seen(H: Array, x: Array, P: Array, mean: Array, cov: Array, cross: Array) -
                 if H[i, k] != 0.0:
                     total += H[i, k] * cross[k, j]
             cov[i, j] = cov[j, i] = total
+
+
+@kernel("(m,n),(n),(n,n)->(m),(m,m),(n,m)")
+def _seen(H: Array, x: Array, P: Array, mean: Array, cov: Array, cross: Array) -> None:
+    look(H, x, P, mean, cov, cross)
+
+
+@kernel("(n,n),(n,n)->(n,n)")
+def _grown(P: Array, Q: Array, out: Array) -> None:
+    grow(P, Q, out)
+
+
+@helper
+def grow(P: Array, Q: Array, out: Array) -> None:
+    """Fill in (P + P') / 2 + Q."""
+    for i in range(len(P)):
+        for j in range(len(P)):
+            out[i, j] = 0.5 * (P[i, j] + P[j, i]) + Q[i, j]
 
 
 @dataclass(frozen=True)
@@ -176,22 +231,33 @@ class Linearized:
 
     at: Literal["mean", "origin"] = "mean"
 
+    def tangent(self, g: Function, x: Gaussian) -> Affine:
+        """Return the tangent of g, with its value if it is taken at the mean."""
+        if self.at == "mean":
+            value, J = _tangent_at(g, x.mean, x.cov)
+            return Affine(Linear(J), value)
+        value, J = _tangent_at(g, np.zeros_like(x.mean), x.cov)
+        return Affine(Linear(J, value))
+
     def transform(self, g: Function, x: Gaussian) -> tuple[Gaussian, Mask | None]:
-        y, repaired = self.moments(g, x)
-        return Gaussian(y.mean, y.cov), repaired
+        return transform(g, x, self)
 
     def moments(self, g: Function, x: Gaussian) -> tuple[Moments, Mask | None]:
-        point = x.mean if self.at == "mean" else np.zeros_like(x.mean)
-        return tangent_moments(g, x, point)[0], None
+        return moments(g, x, self)
 
 
 def tangent_moments(g: Function, x: Gaussian, at: Array) -> tuple[Moments, Array]:
     """Return the moments under the tangent of g at ``at`` (..., n), and the tangent's matrix (..., m, n)."""
-    known = _known_tangent(g, at)
-    value, J = _differences(g, at, standard_deviations(x.cov)) if known is None else known
+    value, J = _tangent_at(g, at, x.cov)
     if at is x.mean:
-        return linear_moments(Linear(J), x)._replace(mean=value), J
-    return linear_moments(Linear(J, value), x._replace(mean=x.mean - at)), J
+        return linear_moments(Linear(J), x, None, value), J
+    return linear_moments(Linear(J, value), Gaussian(x.mean - at, x.cov)), J
+
+
+def _tangent_at(g: Function, at: Array, cov: Array) -> tuple[Array, Array]:
+    """Return value (..., m) and Jacobian (..., m, n) of g, with differences in units of the covariance (..., n, n) if needed."""
+    known = _known_tangent(g, at)
+    return _differences(g, at, standard_deviations(cov)) if known is None else known
 
 
 @kernel("(n,n)->(n)")
@@ -254,8 +320,9 @@ def _stencil(x: Array, scale: Array, signs: Array, grid: Array, width: Array) ->
 
 @kernel("(p,m),(n)->(m),(m,n)")
 def _slope(y: Array, width: Array, value: Array, J: Array) -> None:
-    n = len(width)
-    for i in range(len(value)):
+    n, m = len(width), len(value)
+    for i in range(m):
         value[i] = y[2 * n, i]
-        for j in range(n):
+    for j in range(n):
+        for i in range(m):
             J[i, j] = (y[j, i] - y[n + j, i]) / width[j]

@@ -95,7 +95,8 @@ def checked_measurement(me: Measurement, batch: Shape, n: int) -> Measurement:
             _refuse_covariance("R", R)
         else:
             there = found != MISSES
-    return Measurement(z, h, R, law, there, turns)
+    same = z is me.z and h is me.h and R is me.R and there is told and turns is me.turns
+    return me if same else Measurement(z, h, R, law, there, turns)
 
 
 MISSES, IMPROPER = 1, 2  #: what ``_found`` tells of a component: it is missing, or R is no covariance

@@ -16,3 +16,13 @@ def test_the_table_has_the_kernels_asked_for(capsys):
     with pytest.raises(SystemExit):
         main(["nothing"])
     assert "no kernel has nothing in its name; there are: " in capsys.readouterr().err
+
+
+def test_the_table_of_processes_has_times_and_memory(capsys):
+    main = runpy.run_path(str(ROOT / "benchmarks" / "kernels.py"))["main"]
+    main(["--processes", "python"])
+    head, line = capsys.readouterr().out.splitlines()
+    cpu, memory = map(float, line.split()[-2:])
+    assert head.split()[-3:] == ["CPU", "s", "MiB"]
+    assert 0.0 < cpu < 60.0
+    assert 1.0 < memory < 100.0, "its own memory, not that of this process"

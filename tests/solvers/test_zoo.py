@@ -4,12 +4,15 @@ import functools
 import json
 import math
 import pickle
+import threading
+import time
 from dataclasses import FrozenInstanceError, fields
+from pathlib import Path
 
 import numpy as np
 import pytest
 from oracles.dense_kalman import kalman
-from oracles.problems import linear, look, run_of, spd, swing
+from oracles.problems import linear, look, run_of, spd, swing, swing_jacobian
 from oracles.zoo import (
     draws,
     exact,
@@ -21,6 +24,7 @@ from oracles.zoo import (
     settings_of,
     zoo,
 )
+from threadpoolctl import threadpool_limits
 
 from solvers.filters import FILTERS, make_filter, names
 from solvers.types import Gaussian, Linear, Measurement, Transition
@@ -414,3 +418,32 @@ class Squares:
 
     def __call__(self, x):
         return x[..., : self.m] + 0.1 * x[..., : self.m] ** 2
+
+
+def spent():
+    """CPU time of each thread of this process so far, ns, by its id."""
+    return {task.name: int((task / "schedstat").read_text().split()[0]) for task in Path("/proc/self/task").iterdir()}
+
+
+@pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="Linux tells the time of threads")
+def test_no_filter_wakes_the_threads_of_blas():
+    """BLAS divides what is large, such as all covariances of a batch. A step is over before its threads are awake."""
+    runs, n, large = (128,), 10, np.ones(10**6)
+    x, Q = Gaussian(np.zeros((*runs, n)), np.eye(n)), 0.1 * np.eye(n)
+    with threadpool_limits(2, user_api="blas"):
+        before = spent()
+        np.vdot(large, large)
+        time.sleep(0.02)
+        after = spent()
+        own = str(threading.get_native_id())
+        workers = [thread for thread in after if thread != own and after[thread] - before.get(thread, 0) > 1e6]
+        assert workers, "the vector above wakes them"
+        while before != after:  # they wait for more work before they sleep
+            time.sleep(0.02)
+            before, after = after, {thread: spent()[thread] for thread in workers}
+        for name in filter(is_batched, names()):
+            flt = make_filter(name, **settings_of(name))
+            b = flt.init(x, generators(runs))
+            b, _ = flt.step(b, Transition(swing, Q), Measurement(np.zeros(2), look, np.eye(2)))
+            flt.relocate(b, swing, swing_jacobian)
+            assert {thread: spent()[thread] for thread in workers} == after, name

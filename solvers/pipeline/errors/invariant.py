@@ -33,7 +33,7 @@ from solvers.pipeline.errors.group import divide_slope, multiply_slope
 from solvers.pipeline.errors.group_slopes import right_jacobian
 from solvers.pipeline.errors.navigation import NavigationMap, fill_slope
 from solvers.pipeline.strapdown import EpochMotion
-from solvers.types import Function, Gaussian, Measurement, Transition
+from solvers.types import Function, Gaussian, Linear, Measurement, Transition
 
 Maps = tuple[Function, Callable[[Array], Array]]  #: a function and its Jacobian
 
@@ -100,7 +100,7 @@ class Invariant(Euler):
 
     def transition(self, tr: Transition, before: NavState, after: NavState) -> Transition:
         a, b = self.at(before), self.at(after)
-        return tr._replace(f=Growth(a, tr.f, b), Q=b.spread_noise(tr.Q))
+        return Transition(Growth(a, tr.f, b), b.spread_noise(tr.Q), tr.G, tr.dt)
 
     def measurement(self, me: Measurement, nav: NavState) -> Measurement:
         return me._replace(h=Seen(self.at(nav), me.h))
@@ -159,8 +159,8 @@ class Tangent(Through, ABC):
 
     @cached_property
     @abstractmethod
-    def at_zero(self) -> tuple[Array, Array]:
-        """Value (..., m) and Jacobian (..., m, n) at zero, in closed form."""
+    def at_zero(self) -> tuple[Array | None, Array]:
+        """Value (..., m) and Jacobian (..., m, n) at zero, in closed form; None: the value is zero."""
 
     def __call__(self, xi: Array) -> Array:
         if xi.ndim > self.before.ndim:  # points, or components of a mixture
@@ -180,8 +180,8 @@ class Tangent(Through, ABC):
     def _near(self, xi: Array) -> Array:
         """Return the value (..., m) at a negligible xi (..., n)."""
         y, J = self.at_zero
-        value: Array = y + np.matmul(J, xi[..., None])[..., 0]
-        return value
+        change: Array = np.matmul(J, xi[..., None])[..., 0]
+        return change if y is None else y + change
 
 
 class Growth(Tangent):
@@ -191,18 +191,18 @@ class Growth(Tangent):
     after: Chart
 
     @cached_property
-    def at_zero(self) -> tuple[Array, Array]:
+    def at_zero(self) -> tuple[None, Array]:
         F = self.after.growth(self.before, self.g.motion)
-        if self.g.decay is not None:  # of parameters, whose rows are those of the identity
-            F = F * self.g.decay[:, None]
-        return np.zeros(F.shape[:-1]), F
+        return None, F if self.g.decay is None else F * self.g.decay[:, None]  # rows of parameters are those of the identity
 
 
 class Seen(Tangent):
     """What a measurement shows of xi."""
 
     @cached_property
-    def at_zero(self) -> tuple[Array, Array]:
+    def at_zero(self) -> tuple[Array | None, Array]:
+        if isinstance(self.g, Linear):
+            return self.g.offset, self.before.divided(self.g.matrix)
         zero = np.zeros(self.before.shape)
         y, H = tangent(self.g, zero, zero)
         return y, self.before.divided(H)
@@ -213,10 +213,10 @@ class Reset(Through):
 
     def __init__(self, before: Chart, g: Function, after: Chart) -> None:
         super().__init__(before, g, after)
-        self._done = np.empty(0), np.empty(0)
+        self._done: tuple[Array, Array] | None = None
 
     def __call__(self, xi: Array) -> Array:
-        if self._done[0] is not xi:  # a filter asks for the Jacobian at the same place
+        if self._done is None or self._done[0] is not xi:  # a filter asks for the Jacobian at the same place
             self._done = xi, super().__call__(xi)
         return self._done[1]
 
@@ -248,6 +248,7 @@ class Chart:
     def __init__(self, held: Array, states: Layout) -> None:
         self.held, self._states = held, states
         self.ndim = held.ndim - 1  #: number of axes of one xi per run
+        self._known: tuple[Array, Array] | None = None  # the last xi and its errors, for which feedback asks again
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -260,7 +261,9 @@ class Chart:
 
     def errors(self, xi: Array) -> Array:
         """Return x (..., n) for xi (..., n)."""
-        return np.asarray(group.errors(xi, self._held(xi)))
+        if self._known is None or self._known[0] is not xi:
+            self._known = xi, np.asarray(group.errors(xi, self._held(xi)))
+        return self._known[1]
 
     def invariant(self, x: Array) -> Array:
         """Return xi (..., n) for x (..., n)."""

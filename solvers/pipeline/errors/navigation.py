@@ -28,10 +28,15 @@ from sins_env.kernels import helper, kernel
 from sins_env.kernels.algebra import (
     add,
     add_skew,
+    correction,
     cross3,
     matrix,
     misaligned,
     mix,
+    multiply,
+    put_quaternion,
+    put_vector,
+    quaternion,
     scale,
     sincos3,
     subtract,
@@ -43,7 +48,6 @@ from sins_env.kernels.algebra import (
 from sins_env.prior import Prior
 from sins_env.states import ERRORS, Block, Layout
 from sins_env.types import NavState
-from solvers.pipeline import feedback
 from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT, ErrorModel
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Transition
@@ -239,7 +243,14 @@ class NavigationErrors(ErrorModel):
 
     def corrected(self, model: Earth, nav: NavState, x: Array) -> NavState:
         pos = earth.displace(model, nav.pos, -x[..., DP]) if self.position else nav.pos
-        return NavState(feedback.corrected(nav.q_nb, x[..., PHI]), nav.vel - x[..., DV], pos)
+        q_nb, vel = _corrected(nav.q_nb, nav.vel, x)
+        return NavState(q_nb, vel, pos)
 
     def biases(self, x: Array) -> tuple[Array, Array]:
         return x[..., self.states["gyro_bias"]] * GYRO_UNIT, x[..., self.states["accel_bias"]] * ACCEL_UNIT
+
+
+@kernel("(4),(3),(n)->(4),(3)")
+def _corrected(q_nb: Array, vel: Array, x: Array, new_q: Array, new_vel: Array) -> None:
+    put_quaternion(multiply(correction(vector(x)), quaternion(q_nb)), new_q)
+    put_vector(subtract(vector(vel), vector(x[3:6])), new_vel)

@@ -3,8 +3,9 @@ import pytest
 import scipy.stats
 from oracles.problems import spd
 
-from solvers.blocks.conditioning import condition, gain, log_likelihood, nis
-from solvers.types import Gaussian, Innovation, Moments
+from solvers.blocks.conditioning import condition, condition_affine, gain, log_likelihood, nis
+from solvers.blocks.moments import Affine, linear_moments
+from solvers.types import Gaussian, Innovation, Linear, Moments
 
 
 def problem(batch, n, m, seed=0):
@@ -30,6 +31,38 @@ def test_condition_is_bayes_rule_in_information_form(batch, m):
     np.testing.assert_array_equal(after.cov, after.cov.mT)
     np.testing.assert_allclose(innovation.residual, z - predicted.mean)
     np.testing.assert_array_equal(innovation.cov, predicted.cov)
+
+
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize(("batch", "m"), [((), 2), ((5,), 1), ((2, 3), 3), ((4,), 6)])
+def test_an_affine_measurement_has_the_bits_of_its_moments(batch, m, known):
+    """In one kernel, with H, offset and R of each run or of all, and with a value that is not that of the map."""
+    x, _, H, R, z = problem(batch, 6, m)
+    rng = np.random.default_rng(1)
+    every = np.broadcast_to(R, (*batch, m, m)).copy(), rng.standard_normal((*batch, m, 6))
+    for noise, matrix, offset in ((R, H, None), (every[0], every[1], rng.standard_normal((*batch, m)))):
+        h = Affine(Linear(matrix, offset), rng.standard_normal((*batch, m)) if known else None)
+        y = linear_moments(h.map, x, None, h.value)
+        expected = condition(x, y._replace(cov=y.cov + noise), z)
+        after, innovation, repaired = condition_affine(x, h, noise, z)
+        assert repaired is expected[2] is None
+        for one, other in zip((*after, *innovation), (*expected[0], *expected[1]), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_an_affine_measurement_with_a_singular_covariance_is_repaired():
+    """Two readings of one sensor in one run; the others keep their bits."""
+    x, _, H, R, z = problem((3,), 4, 2)
+    H, noise = np.broadcast_to(H, (3, 2, 4)).copy(), np.broadcast_to(R, (3, 2, 2)).copy()
+    H[1, 1], noise[1] = H[1, 0], 0.04
+    after, innovation, repaired = condition_affine(x, Affine(Linear(H)), noise, z)
+    assert repaired.tolist() == [False, True, False]
+    assert np.isfinite(after.cov).all()
+    for i in (0, 2):
+        alone, seen, none = condition_affine(Gaussian(x.mean[i], x.cov[i]), Affine(Linear(H[i])), noise[i], z[i])
+        assert none is None
+        for one, other in zip((*after, *innovation), (*alone, *seen), strict=True):
+            np.testing.assert_array_equal(one[i], other)
 
 
 def test_gain():
