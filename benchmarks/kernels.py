@@ -7,8 +7,8 @@
 The reference is a kernel too: a sum of 100 numbers, each multiplied once, which no processor can take in parts. A ratio to it
 says more than a time, because a busy machine slows both. Inputs are those of tests/test_kernels.py.
 
-Of processes the system tells the CPU time, of which the least of five starts counts, and the largest memory. The evaluations are
-of 256 runs over the first ten epochs; more epochs take no more memory than their records.
+The system tells the CPU time of a process, of which the least of five starts counts, and its largest memory. The evaluations have
+256 runs over the first ten epochs; more epochs take no more memory than their records.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ def checked_measurement(me: Measurement, batch: Shape, n: int) -> Measurement:
             _refuse_covariance("R", R)
         else:
             there = found != MISSES
-    same = z is me.z and h is me.h and R is me.R and there is told and turns is me.turns
+    same = chart is None and z is me.z and h is me.h and R is me.R and there is told and turns is me.turns
     return me if same else Measurement(z, h, R, law, there, turns)
 
 

@@ -174,7 +174,7 @@ class Episode:
         z, H = Seen(self._coordinates.at(s.ins.nav), me.h).at_zero
         H[..., : FIX["dv"].stop, self._offset] -= np.eye(3)  # INS minus fix shows the offset with a minus sign
         R = me.R if me.R.ndim == 2 else me.R[seen[0]]
-        nu = me.z if z is None else me.z - z
+        nu = me.z - z
         there = ~np.isnan(nu[seen])
         if there.all():
             return self._corrected(s, nu, H, R, seen)

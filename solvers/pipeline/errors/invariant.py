@@ -159,8 +159,8 @@ class Tangent(Through, ABC):
 
     @cached_property
     @abstractmethod
-    def at_zero(self) -> tuple[Array | None, Array]:
-        """Value (..., m) and Jacobian (..., m, n) at zero, in closed form; None: the value is zero."""
+    def at_zero(self) -> tuple[Array | float, Array]:
+        """Value (..., m) and Jacobian (..., m, n) at zero, in closed form; a value of zero may be a number."""
 
     def __call__(self, xi: Array) -> Array:
         if xi.ndim > self.before.ndim:  # points, or components of a mixture
@@ -181,7 +181,7 @@ class Tangent(Through, ABC):
         """Return the value (..., m) at a negligible xi (..., n)."""
         y, J = self.at_zero
         change: Array = np.matmul(J, xi[..., None])[..., 0]
-        return change if y is None else y + change
+        return change if isinstance(y, float) else y + change
 
 
 class Growth(Tangent):
@@ -191,18 +191,20 @@ class Growth(Tangent):
     after: Chart
 
     @cached_property
-    def at_zero(self) -> tuple[None, Array]:
+    def at_zero(self) -> tuple[float, Array]:
         F = self.after.growth(self.before, self.g.motion)
-        return None, F if self.g.decay is None else F * self.g.decay[:, None]  # rows of parameters are those of the identity
+        decay = self.g.decay  # of parameters, whose rows are those of the identity
+        return 0.0, F if decay is None else F * decay[:, None]
 
 
 class Seen(Tangent):
     """What a measurement shows of xi."""
 
     @cached_property
-    def at_zero(self) -> tuple[Array | None, Array]:
+    def at_zero(self) -> tuple[Array | float, Array]:
         if isinstance(self.g, Linear):
-            return self.g.offset, self.before.divided(self.g.matrix)
+            offset = 0.0 if self.g.offset is None else self.g.offset
+            return offset, self.before.divided(self.g.matrix)
         zero = np.zeros(self.before.shape)
         y, H = tangent(self.g, zero, zero)
         return y, self.before.divided(H)
