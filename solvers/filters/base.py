@@ -17,7 +17,15 @@ import numpy as np
 
 from sins_env.arrays import Array, Mask
 from solvers.filters.brief import Brief
-from solvers.filters.inputs import checked_measurement, checked_transition, covariance, patterns, picked, unwound
+from solvers.filters.inputs import (
+    checked_measurement,
+    checked_transition,
+    covariance,
+    numbers,
+    patterns,
+    picked,
+    unwound,
+)
 from solvers.types import Function, Gaussian, Health, Innovation, Measurement, Transition
 
 
@@ -151,7 +159,7 @@ def initial_gaussian(prior: Gaussian) -> Gaussian:
     Raises:
         ValueError: the shapes do not fit, or the covariance is none.
     """
-    mean = np.array(prior.mean, dtype=float)
+    mean: Array = np.array(numbers("prior mean", prior.mean))
     n, given = mean.shape[-1] if mean.ndim else 0, np.shape(prior.cov)
     if n == 0 or (given not in ((*mean.shape, n), (n, n)) and (n != 1 or given not in ((), (1,)))):
         needed = (*mean.shape, n)

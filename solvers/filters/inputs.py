@@ -35,11 +35,6 @@ class _Sound:
     R = b""  #: a covariance without missing components
 
 
-def _is_sound(P: Any, n: int, sound: bytes) -> bool:
-    """Return whether a matrix holds the numbers (n, n) that were found sound."""
-    return type(P) is np.ndarray and P.shape == (n, n) and P.dtype == np.float64 and P.tobytes() == sound
-
-
 def checked_transition(tr: Transition, batch: Shape, n: int) -> Transition:
     """Return the transition of ``n`` states with Q as an array and a function that is checked at each call.
 
@@ -47,7 +42,7 @@ def checked_transition(tr: Transition, batch: Shape, n: int) -> Transition:
         ValueError: a shape that does not fit, a Q that is no covariance, or a negative dt.
     """
     f, Q, G, dt = tr
-    if not _is_sound(Q, n, _Sound.Q):
+    if type(Q) is not np.ndarray or Q.tobytes() != _Sound.Q or Q.shape != (n, n) or Q.dtype.char != "d":
         Q = covariance("Q", Q, batch, n)
         _Sound.Q = Q.tobytes() if Q.ndim == 2 else b""
     if dt is not None and not dt >= 0.0:
@@ -70,7 +65,7 @@ def checked_measurement(me: Measurement, batch: Shape, n: int) -> Measurement:
     if chart is not None:
         z, h = _in_tangent(z, h, chart, batch, n)
     if type(z) is not np.ndarray or not z.ndim or z.dtype != np.float64:
-        z = np.atleast_1d(_array("z", z))
+        z = np.atleast_1d(numbers("z", z))
     if type(h) is Linear:
         h = _linear("h", h, batch, None, n)
         m = h.matrix.shape[-2]
@@ -85,8 +80,9 @@ def checked_measurement(me: Measurement, batch: Shape, n: int) -> Measurement:
         z = np.where(_vector("present", told, batch, m, bool), z, np.nan)
     if turns is not None:
         turns = _vector("turns", turns, (), m, bool)
-    there = None
-    if not _is_sound(R, m, _Sound.R) or not math.isfinite(np.vdot(z, z)):
+    there = None if m else np.ones(z.shape, dtype=bool)  # a fix without components is none
+    known = type(R) is np.ndarray and R.tobytes() == _Sound.R and R.shape == (m, m) and R.dtype.char == "d"
+    if not known or not math.isfinite(np.vdot(z, z)):
         R = square("R", R, batch, m)
         found = _found(z, R)
         if not np.count_nonzero(found):
@@ -139,7 +135,7 @@ def _found(z: Array, R: Array, out: Any) -> None:
             out[i] = MISSES
 
 
-def _array(name: str, given: Any, dtype: type = float) -> Any:
+def numbers(name: str, given: Any, dtype: type = float) -> Any:
     """Return numbers as an array; those that a mask hides are NaN.
 
     Raises:
@@ -159,7 +155,7 @@ def square(name: str, given: Any, batch: Shape, n: int) -> Array:
     """
     if type(given) is np.ndarray and given.shape == (n, n) and given.dtype == np.float64:
         return given
-    a = _array(name, given)
+    a = numbers(name, given)
     if n == 1 and a.size == 1 and a.ndim < 2:
         a = a.reshape(1, 1)
     if a.shape not in ((n, n), (*batch, n, n)):
@@ -187,7 +183,7 @@ def covariance(name: str, given: Any, batch: Shape, n: int) -> Array:
 
 
 def _vector(name: str, given: Any, batch: Shape, m: int, dtype: type = float) -> Any:
-    a = _array(name, given, dtype)
+    a = numbers(name, given, dtype)
     if a.shape not in ((m,), (*batch, m)):
         raise ValueError(f"{name} of shape {np.shape(given)}: needed {_either((m,), batch)}")
     return np.broadcast_to(a, (*batch, m))
@@ -205,8 +201,8 @@ def _refuse_covariance(name: str, P: Array) -> None:
 def _linear(name: str, g: Linear, batch: Shape, m: int | None, n: int) -> Linear:
     """Return a linear map (..., n) -> (..., m) with a matrix and an offset that fit; m = None: any m."""
     M, c = g
-    if type(M) is not np.ndarray:
-        M = _array(f"matrix of {name}", M)
+    if type(M) is not np.ndarray or M.dtype.char != "d":
+        M = numbers(f"matrix of {name}", M)
     rows = M.shape[-2] if m is None and M.ndim > 1 else m
     if M.shape != (rows, n) and M.shape != (*batch, rows, n):
         raise ValueError(f"matrix of {name} of shape {M.shape}: needed {_either((m or 'm', n), batch)}")
@@ -243,12 +239,43 @@ class Checked:
         ValueError: at a call, a result of another shape.
     """
 
-    __slots__ = ("_g", "_name", "_size", "jacobian", "value_and_jacobian")
+    __slots__ = ("_both", "_g", "_name", "_size", "_slope")
 
     def __init__(self, name: str, g: Function, size: int) -> None:
+        if not callable(g):
+            raise ValueError(f"{name} is of type {type(g).__name__}: needed a function, or Linear(matrix) for a matrix")
         self._name, self._g, self._size = name, g, size
-        self.jacobian: Any = getattr(g, "jacobian", None)  #: that of the function, or None
-        self.value_and_jacobian: Any = getattr(g, "value_and_jacobian", None)
+        self._slope: Any = getattr(g, "jacobian", None)
+        self._both: Any = getattr(g, "value_and_jacobian", None)
+
+    @property
+    def jacobian(self) -> Any:
+        """The Jacobian of the function, checked; None if it has none."""
+        return None if self._slope is None else self._checked_slope
+
+    @property
+    def value_and_jacobian(self) -> Any:
+        """The function for both, checked; None if it has none."""
+        return None if self._both is None else self._checked_both
+
+    def _checked_slope(self, x: Array) -> Array:
+        J = self._slope(x)
+        if type(J) is np.ndarray and J.shape == (self._size, x.shape[-1]) and J.dtype.char == "d":
+            return J
+        return self._fitting_slope(x, J)
+
+    def _checked_both(self, x: Array) -> tuple[Array, Array]:
+        y, J = self._both(x)
+        return self._fitting(x, y), self._fitting_slope(x, J)
+
+    def _fitting_slope(self, x: Array, J: Any) -> Array:
+        """Return the Jacobian at x (..., n) as an array (..., size, n), or (size, n) for all."""
+        J, needed = numbers(f"Jacobian of {self._name}", J), (self._size, x.shape[-1])
+        if J.shape[-2:] != needed or J.ndim > x.ndim + 1:
+            whole = (*x.shape[:-1], *needed)
+            or_one = "" if whole == needed else f", or {needed} for all runs and points"
+            raise ValueError(f"Jacobian of {self._name} at x {x.shape} has the shape {J.shape}: needed {whole}{or_one}")
+        return J
 
     def __call__(self, x: Array) -> Array:
         if x.ndim > 1 and x.shape[-1] in x.shape[:-1]:
@@ -259,8 +286,8 @@ class Checked:
             y = self._g(seen)
         except ValueError:  # a function that works in place gets an array of its own; another one fails again
             y = self._g(x.copy())
-        if type(y) is not np.ndarray or y.shape != (*x.shape[:-1], self._size):
-            y = self._refuse(x, np.asarray(y, dtype=float))
+        if type(y) is not np.ndarray or y.dtype.char != "d" or y.shape != (*x.shape[:-1], self._size):
+            y = self._fitting(x, y)
         return x.copy() if y is seen else y
 
     def __getattr__(self, name: str) -> Any:
@@ -269,8 +296,9 @@ class Checked:
             raise AttributeError(name)
         return getattr(self._g, name)
 
-    def _refuse(self, x: Array, y: Array) -> Array:
-        needed = (*x.shape[:-1], self._size)
+    def _fitting(self, x: Array, y: Any) -> Array:
+        """Return the values at x (..., n) as an array (..., size)."""
+        y, needed = numbers(self._name, y), (*x.shape[:-1], self._size)
         if y.shape == needed:
             return y
         raise ValueError(
@@ -325,7 +353,7 @@ def _in_tangent(z: Any, h: Function, chart: Chart, batch: Shape, n: int) -> tupl
 
     A component that is NaN there is missing.
     """
-    z = np.atleast_1d(_array("z", z))
+    z = np.atleast_1d(numbers("z", z))
     z = _vector("z", z, batch, z.shape[-1])
     return 0.0 * chart.minus(z, z), _InTangent(checked_function("h", h, batch, z.shape[-1], n), z, chart)
 
@@ -382,6 +410,8 @@ def patterns(there: Mask) -> Iterator[tuple[Mask, Mask]]:
 
     Runs without any component are left out.
     """
+    if not there.shape[-1]:
+        return
     for rows in np.unique(there.reshape(-1, there.shape[-1]), axis=0):
         if rows.any():
             yield rows, np.asarray((there == rows).all(axis=-1))

@@ -190,6 +190,8 @@ class FilterpyEKF(FilterpyFilter):
     def update(self, o: Any, me: Measurement) -> None:
         _, H = tangent(me.h, o.x, standard_deviations(o.P))
         o.S = H @ o.P @ H.T + me.R
+        if not np.isfinite(o.S).all():
+            raise np.linalg.LinAlgError("a covariance that is not finite has no inverse")
         if _follows(o.S) is None:  # otherwise scipy would invert it nevertheless, with a warning
             o.update(me.z, HJacobian=lambda x: H, Hx=me.h, R=me.R)
 

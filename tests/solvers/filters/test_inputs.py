@@ -53,6 +53,10 @@ WRONG = [
     ({"z": np.array([0.3j])}, "z is complex: needed real numbers"),
     ({"law": NoiseLaw(share=1.5)}, r"law = NoiseLaw\(share=1.5, .*: needed a share from 0 to 1, a factor > 0"),
     ({"dt": -1.0}, r"dt = -1.0: needed the seconds of the epoch, >= 0"),
+    ({"f": F}, r"f is of type ndarray: needed a function, or Linear\(matrix\)"),
+    ({"f": lambda x: (x @ F.T) + 0j}, "f is complex: needed real numbers"),
+    ({"f": Linear(F + 0j)}, "matrix of f is complex"),
+    ({"prior": Gaussian(np.zeros(2) + 0j, np.eye(2))}, "prior mean is complex"),
     ({"prior": Gaussian(np.zeros(2), np.array([[1.0, 2.0], [2.0, 1.0]]))}, "prior covariance is no covariance"),
     ({"prior": Gaussian(np.zeros(2), np.array([[1.0, 0.5], [0.0, 1.0]]))}, "prior covariance is no covariance"),
 ]
@@ -98,6 +102,34 @@ def test_a_function_of_one_run_is_refused_with_n_runs_too(name):
             after(name, batch=(2,), **given)
 
 
+class WithJacobian:
+    """A function whose Jacobian is whatever it is given."""
+
+    def __init__(self, slope, both=False):
+        self.slope = slope
+        if both:
+            self.value_and_jacobian = lambda x: (x @ F.T, slope)
+
+    def __call__(self, x):
+        return x @ F.T
+
+    def jacobian(self, x):
+        return self.slope
+
+
+@pytest.mark.parametrize("name", ["kf", "ekf", "iekf", "imm_ekf", "mpf_ekf", "hepf", "filterpy_kf", "filterpy_ekf"])
+def test_jacobians_are_checked(name):
+    right = after(name, f=WithJacobian(F))
+    for same in (WithJacobian(F, both=True), WithJacobian(F.tolist()), WithJacobian(F.astype(int))):
+        np.testing.assert_array_equal(after(name, f=same).cov, right.cov)
+    for wrong in (F[:1], F[0], np.ones((3, 2)), None, 1.0):
+        for both in (False, True):
+            with pytest.raises(
+                ValueError, match=r"Jacobian of f at x \(.*2,?\) has the shape \(.*\): needed \(.*2, 2\)"
+            ):
+                after(name, f=WithJacobian(wrong, both))
+
+
 class OfOneRun:
     """A matrix in front of the states, for filters that ask for no points."""
 
@@ -139,6 +171,10 @@ def test_other_functions_pass_with_n_runs():
 @pytest.mark.parametrize("name", names())
 def test_what_fits_in_one_way_is_converted(name):
     right = after(name)
+    nothing = after(
+        name, h=Linear(np.zeros((0, 2))), z=np.zeros(0), R=np.zeros((0, 0))
+    )  # a fix without components is none
+    np.testing.assert_array_equal(nothing.mean, after(name, z=[None]).mean)
     for given in (
         {"R": 0.04, "z": 0.3},
         {"R": np.array([0.04]), "z": [0.3]},
