@@ -80,6 +80,16 @@ def linear_moments(g: Linear, x: Gaussian, noise: Array | None = None, mean: Arr
     return Moments(mean, symmetrize(cov) if noise is None else _grown(cov, noise), cross)
 
 
+def correlated_moments(H: Array, x: Gaussian, R: Array, M: Array) -> Moments:
+    """Return the moments of z = H x + v, for noise v of covariance R (..., m, m) that has covariance M (..., n, m) with x.
+
+    Such is a reading whose noise drives the prediction too.
+    """
+    cross, HM = x.cov @ H.mT, H @ M
+    S = symmetrize(H @ cross) + HM + HM.mT + R
+    return Moments(np.matmul(H, x.mean[..., None])[..., 0], S, cross + M)
+
+
 def products(g: Affine, x: Gaussian) -> tuple[Array, Array, Array]:
     """Return mean (..., m), covariance (..., m, m) and cross covariance (..., n, m) of an affine map of many rows.
 

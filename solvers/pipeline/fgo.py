@@ -1,227 +1,22 @@
 """Factor-graph estimator for alignment and navigation over a sliding window: the limit that filters are held against.
 
-Idea: a filter takes each tangent once, at what it knew then, which may be wrong by tens of degrees. Here it is taken again while
-its epoch is in the window. The unknowns are the errors x_0 ... x_K of the INS at the epochs of the window. Their factors are
-
-    N(x_0; m, P)              all that lies before the window
-    N(x_k+1; f_k(x_k), Q)     an epoch of the INS: strapdown and error model, with each feedback into the INS as part of f
-    N(z_k; h_k(x_k), R)       a fix
-
-Gauss-Newton steps lead to the maximum of their product: all f_k and h_k are linearised along the newest trajectory, and the
-linear problem is solved exactly. Its matrix is block tridiagonal. It is eliminated in order of time and substituted back, in
-covariance form, because the noise-free directions of Q (biases) have no information matrix. Elimination is then the Kalman
-filter along the trajectory, substitution the smoother of Rauch, Tung and Striebel. The variable that leaves the window has been
-eliminated before its successors. The Schur complement that it leaves on the next one is the filter's Gaussian there, with the
-tangents that it had. The INS runs in closed loop and its errors are right-invariant, so that f is nearly linear, and exact for
-errors of any size.
+Idea: a filter takes each tangent once, at what it knew then, which may be wrong by tens of degrees. Here the errors of the INS at
+all epochs of a window are sought together (:mod:`solvers.filters.kalman.window`). Each feedback into the INS is a part of the
+next epoch's f. The INS runs in closed loop and its errors are right-invariant, so that f is nearly linear, and exact for errors
+of any size. While the heading at the beginning of the window is not known, the maximum is also sought from other headings.
 
 Source: Dellaert & Kaess (2017), doi:10.1561/2300000043, chapters 2 and 5 (elimination); Bell (1994), doi:10.1137/0804035 (the
 iterated smoother is Gauss-Newton); docs/mathematics/bound.md#sliding-window.
-Departures: an epoch is one factor, without preintegration over several, because a closed loop changes the INS at each fix. No
-damping; a step that raises the sum of squares is not taken.
+Departures: an epoch is one factor, without preintegration over several, because a closed loop changes the INS at each fix.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, NamedTuple
-
-import numpy as np
-
-from sins_env.arrays import Array, Mask
-from sins_env.checks import keep, number, whole
 from sins_env.types import Rng, Task
-from solvers.blocks.conditioning import inverse, nis
-from solvers.blocks.moments import standard_deviations, tangent
-from solvers.filters.base import choose
 from solvers.filters.brief import changed
-from solvers.filters.kalman.kf import KF
+from solvers.filters.kalman.window import WindowFilter
 from solvers.pipeline.estimator import Pipeline
 from solvers.registry import register
-from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
-
-WORSE = 9.0  #: growth of the sum of squares at which a Gauss-Newton step is not taken: three standard deviations of one
-
-Moves = tuple[tuple[Function, Callable[[Array], Array]], ...]  #: feedbacks into the INS, each with its Jacobian
-
-
-@dataclass(frozen=True)
-class Step:
-    """The factors of an epoch: feedbacks into the INS, its motion, and a fix at its end."""
-
-    moves: Moves
-    tr: Transition
-    me: Measurement | None
-
-    def tangent(self, at: Array, scale: Array) -> Linear:
-        """Return the tangent of the motion at the state ``at`` (..., n); ``scale`` (..., n) is for differences."""
-        y, F = at, None
-        for g, jacobian in self.moves:
-            J = jacobian(y)
-            y, F = g(y), J if F is None else J @ F
-        y, J = tangent(self.tr.f, y, scale)
-        return touching(y, J if F is None else J @ F, at)
-
-
-class Node(NamedTuple):
-    """An epoch of the window as it was eliminated last."""
-
-    step: Step
-    before: Any  #: belief of the eliminated states before the epoch
-    first: Array  #: (..., n), the state before the epoch at which the tangent of f is
-    last: Array  #: (..., n), the state after it at which the tangent of h is
-    f: Linear  #: the tangent of f
-    surprise: Array  #: (...), normalised innovation squared of the fix; 0 without one
-
-
-class WindowBelief(NamedTuple):
-    """The last state given all fixes, and the window before it."""
-
-    inner: Any  #: belief of the last state, before what was fed back since
-    now: Any  #: the same after it
-    moves: Moves  #: what was fed back since
-    past: tuple[Node, ...]
-    age: float  #: s, time since the tangents were taken again
-
-    @property
-    def health(self) -> Health:
-        """Health of the elimination, which counts each epoch once."""
-        health: Health = self.now.health
-        return health
-
-
-@dataclass(frozen=True)
-class WindowFilter:
-    """The Gauss-Newton estimate over the last seconds, as a filter.
-
-    An epoch whose length the transition does not tell counts as a second.
-
-    Raises:
-        ValueError: a setting outside its range.
-    """
-
-    window_s: float = 60.0  #: s, length of the window; at least one epoch
-    relinearise_s: float = 5.0  #: s, time from one set of tangents to the next; 0: at each fix
-    iterations: int = 3  #: largest number of Gauss-Newton steps then
-    tolerance: float = 0.05  #: move of a state, in standard deviations, below which its run keeps its tangents
-    batched = True
-    feedback = "closed"  #: feedback into the INS, unless a setting says otherwise
-    coordinates = "invariant"  #: coordinates of the errors, unless a setting says otherwise
-
-    def __post_init__(self) -> None:
-        keep(self, "window_s", number, "a positive number of seconds", above=0.0, infinite=True)
-        keep(self, "relinearise_s", number, "a number of seconds", least=0.0, infinite=True)
-        keep(self, "iterations", whole, least=0, most=1000)
-        keep(self, "tolerance", number, least=0.0)
-
-    def init(self, prior: Gaussian, rng: Any = None) -> WindowBelief:
-        b = KF().init(prior, rng)
-        return WindowBelief(b, b, (), (), 0.0)
-
-    def step(self, b: WindowBelief, tr: Transition, me: Measurement | None) -> tuple[WindowBelief, Innovation | None]:
-        """Take an epoch. If tangents are due, all epochs of the window are linearised and solved again."""
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # runs that are lost are marked
-            node, inner, innovation = eliminate(Step(b.moves, tr, me), b.inner, b.inner.mean)
-            past, age = (*b.past, node)[-self._epochs(tr) :], b.age + _length(tr)
-            if me is not None and age >= self.relinearise_s * (1 - 1e-9):
-                past, inner = self._solve(past, inner)
-                age = 0.0
-        return WindowBelief(inner, inner, (), past, age), innovation
-
-    def estimate(self, b: WindowBelief) -> Gaussian:
-        return Gaussian(b.now.mean, b.now.cov)
-
-    def diagnostics(self, b: WindowBelief) -> dict[str, Array]:
-        return {}
-
-    def relocate(self, b: WindowBelief, g: Function, jac: Callable[[Array], Array]) -> WindowBelief:
-        """Move the last state; the move becomes a part of the next epoch's f."""
-        return b._replace(now=KF().relocate(b.now, g, jac), moves=(*b.moves, (g, jac)))
-
-    def _epochs(self, tr: Transition) -> int:
-        """Return the number of epochs in the window."""
-        return max(1, round(min(self.window_s / _length(tr), 1e9)))
-
-    def _solve(self, past: tuple[Node, ...], inner: Any) -> tuple[tuple[Node, ...], Any]:
-        """Take Gauss-Newton steps until no state of any run moves.
-
-        A run that has stopped keeps its tangents, and so does one whose fixes a step explains worse.
-        """
-        going = inner.health.failed_at < 0
-        for _ in range(self.iterations):
-            path = substitute(past, inner)
-            going = going & self._moves(past, path)
-            if not going.any():
-                break
-            nodes, state = [], past[0].before
-            for node, first, last in zip(past, path[:-1], path[1:], strict=True):
-                there = (np.where(going[..., None], new, old) for new, old in ((first, node.first), (last, node.last)))
-                again, state, _ = eliminate(node.step, state, *there)
-                nodes.append(again)
-            after = tuple(nodes)
-            better = (misfit(after) <= misfit(past) + WORSE) & (state.health.failed_at < 0)
-            if (going & ~better).any():
-                after, state = choose(better | ~going, (after, state), (past, inner))
-            past, inner, going = after, state, going & better
-        return past, inner
-
-    def _moves(self, past: tuple[Node, ...], path: list[Array]) -> Mask:
-        """Return the runs (...) in which a state has left its tangent by more than the tolerance."""
-        moved: Mask = np.zeros(path[0].shape[:-1], dtype=bool)
-        for node, first, last in zip(past, path[:-1], path[1:], strict=True):
-            limit = self.tolerance * standard_deviations(node.before.cov)
-            moved = moved | ((np.abs(first - node.first) > limit) | (np.abs(last - node.last) > limit)).any(axis=-1)
-        return moved
-
-
-def eliminate(step: Step, before: Any, first: Array, last: Array | None = None) -> tuple[Node, Any, Innovation | None]:
-    """Eliminate the state before an epoch: return its node, the belief after it, and the innovation.
-
-    The tangents are taken at the states ``first`` and ``last`` (..., n) before and after; None: at the prediction.
-    """
-    scale = standard_deviations(before.cov)
-    f = step.tangent(first, scale)
-    last = f(before.mean) if last is None else last
-    me = step.me
-    if me is not None and not isinstance(me.h, Linear):
-        me = me._replace(h=touching(*tangent(me.h, last, scale), last))
-    after, innovation = KF().step(before, step.tr._replace(f=f), me)
-    surprise = np.zeros(first.shape[:-1]) if innovation is None else nis(present(innovation))
-    return Node(step, before, first, last, f, surprise), after, innovation
-
-
-def substitute(past: tuple[Node, ...], last: Any) -> list[Array]:
-    """Return the states (..., n) of the window given all its fixes, from the first to the ``last``, by back-substitution."""
-    path = [last.mean]
-    for node in reversed(past):
-        x, P = node.before.mean, node.before.cov
-        F = node.f.matrix
-        Y, _ = inverse(F @ P @ F.mT + node.step.tr.Q)
-        back = P @ F.mT @ Y @ (path[-1] - node.f(x))[..., None]
-        path.append(np.where(np.isfinite(back).all(axis=(-2, -1))[..., None], x + back[..., 0], x))
-    return path[::-1]
-
-
-def misfit(past: tuple[Node, ...]) -> Array:
-    """Return the least value (...) of the linearised problem: the sum of the normalised innovations squared."""
-    return np.sum([node.surprise for node in past], axis=0)
-
-
-def present(innovation: Innovation) -> Innovation:
-    """Return the innovation with zero of variance one in the place of missing components."""
-    gone = np.isnan(innovation.residual)
-    S = np.where(gone[..., None] | gone[..., None, :], np.eye(gone.shape[-1]), innovation.cov)
-    return Innovation(np.where(gone, 0.0, innovation.residual), S)
-
-
-def touching(y: Array, J: Array, at: Array) -> Linear:
-    """Return the linear function with the value y (..., m) and the slope J (m, n) or (..., m, n) at ``at`` (..., n)."""
-    return Linear(np.broadcast_to(J, (*at.shape[:-1], *J.shape[-2:])), y - (J @ at[..., None])[..., 0])
-
-
-def _length(tr: Transition) -> float:
-    return 1.0 if tr.dt is None else tr.dt
 
 
 @register("fgo")
@@ -230,7 +25,9 @@ class FGO(Pipeline):
 
     ``window_s``: length of the window, s. ``relinearise_s``: time from one set of tangents to the next, s. ``iterations``:
     largest number of Gauss-Newton steps then. ``tolerance``: move of a state, in standard deviations, that makes another one.
-    ``coordinates`` and ``coarse`` are those of the pipeline. The cost grows with ``window_s / relinearise_s``.
+    ``spacing_deg``: largest width of a slice of headings, from each of which the maximum is sought while the heading at the
+    beginning of the window is not known. ``coordinates`` and ``coarse`` are those of the pipeline. The cost grows with
+    ``window_s / relinearise_s``, and with the number of slices.
     """
 
     def __init__(
@@ -240,10 +37,11 @@ class FGO(Pipeline):
         relinearise_s: float = 5.0,
         iterations: int = 3,
         tolerance: float = 0.05,
+        spacing_deg: float = 45.0,
         coordinates: str = "invariant",
         coarse: str | None = None,
     ) -> None:
-        window = WindowFilter(window_s, relinearise_s, iterations, tolerance)
+        window = WindowFilter(window_s, relinearise_s, iterations, tolerance, spacing_deg)
         super().__init__(window, coordinates=coordinates, coarse=coarse)
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:

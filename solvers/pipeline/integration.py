@@ -15,7 +15,6 @@ from sins_env import earth
 from sins_env.arrays import Array, Mask
 from sins_env.kernels import kernel
 from sins_env.kernels.algebra import put_row, row, subtract, vector
-from sins_env.prior import Prior
 from sins_env.states import ERRORS, Layout, answered
 from sins_env.types import NavState, Observation, Rng, Task
 from solvers.filters.base import choose, mixed
@@ -26,12 +25,13 @@ from solvers.pipeline import switch_on
 from solvers.pipeline.aiding.aid import Ins
 from solvers.pipeline.aiding.gps import Gps
 from solvers.pipeline.aiding.together import Aids, decayed, fits, sensors, with_parameters
-from solvers.pipeline.coarse.spread import Spread, told_by
+from solvers.pipeline.coarse.spread import told_by
 from solvers.pipeline.errors.equivariant import Equivariant
 from solvers.pipeline.errors.invariant import Euler, Invariant
 from solvers.pipeline.errors.model import ErrorModel
 from solvers.pipeline.settings import Settings
 from solvers.pipeline.strapdown import Strapdown, StrapdownState, carried_sample
+from solvers.pipeline.switch_on import SecondPass
 from solvers.types import Filter, Gaussian, Health, Innovation
 
 
@@ -81,6 +81,7 @@ class Integration(ABC):
         self.own: dict[str, Array] = {}
         self._innovation: Innovation | None = None  # of the last epoch
         self._coarse: coarse_methods.Coarse | None = None
+        self._past: list[Observation] = []  # epochs of the coarse phase, if they are filtered again
         self._waiting: Mask = np.zeros(self._batch, dtype=bool)  # runs that have had no fix since switch-on
         self.ins: StrapdownState | None = None  #: state of the INS; None before the fine phase
         #: Biases of gyro and accelerometer that have been fed back so far, per increment; None if there are none.
@@ -104,9 +105,11 @@ class Integration(ABC):
             nav = None if self.ins is None else self._fine(obs)
             return self.answer(self._wait(obs, nav))
         self._coarse.add(obs)
+        if self.settings.coarse_again:
+            self._past.append(switch_on.kept(obs))
         nav = self._aid.start(obs, self._coarse.attitude())
         if self._k * task.epoch_s >= task.coarse_s - 1e-9 * task.epoch_s:
-            self._start_fine(nav, self._coarse.spread())
+            nav = self._after_coarse(self._coarse, nav)
         return self.answer(nav)
 
     def covariance(self) -> Array:
@@ -175,38 +178,52 @@ class Integration(ABC):
             assert self.settings.coarse is not None
             self._coarse = coarse_methods.start(self.settings.coarse, self.task, batch)
         else:
-            self._start_fine(NavState(*(np.reshape(part, (*batch, part.shape[-1])) for part in start)))
+            nav = NavState(*(np.reshape(part, (*batch, part.shape[-1])) for part in start))
+            self._start_fine(nav, self.task.prior.P0)
 
-    def _wait(self, obs: Observation, nav: NavState | None) -> NavState:
-        """Start the runs that have their first fix, and return the answer: ``nav`` in the runs that have started before."""
+    def _wait(self, obs: Observation, nav: NavState | None, again: SecondPass | None = None) -> NavState:
+        """Start the runs that have their first fix, and return the answer: ``nav`` in the runs that have started before.
+
+        In a second pass the attitude is known, and the last epoch of the coarse phase needs no fix.
+        """
         if nav is not None and not self._waiting.any():
             return nav
-        level = self._aid.start(obs, switch_on.level(obs))
-        now = self._waiting & (obs["gps_valid"][..., 0] == 1)
+        start = self._aid.start(obs, switch_on.level(obs) if again is None else again.q_nb[self._k - 1])
+        last = again is not None and self._k == len(again.past)
+        now = self._waiting & ((obs["gps_valid"][..., 0] == 1) | last)
         if nav is None or now.any():
             ins, bias, belief, own = self.ins, self.bias, self.belief, self.own
-            self._start_fine(level, prior=switch_on.switch_on_prior(self.task.prior))
-            self.ins = StrapdownState(level, carried_sample(obs["dtheta"], obs["dvel"]))
+            self._start_fine(start, switch_on.switch_on_prior(self.task.prior).P0 if again is None else again.P0)
+            self.ins = StrapdownState(start, carried_sample(obs["dtheta"], obs["dvel"]))
             if nav is not None:
                 self.ins, self.belief = choose(now, self.ins, ins), mixed(now, self.belief, belief)
                 if bias is not None:
                     gyro, accel = (np.where(now[..., None], 0.0, part) for part in bias)
                     self.bias = gyro, accel
                 self.own = {name: np.where(now[..., None], 0.0, part) for name, part in own.items()}
-        answer: NavState = level if nav is None else choose(self._waiting, level, nav)
+        answer: NavState = start if nav is None else choose(self._waiting, start, nav)
         self._waiting = self._waiting & ~now
         return answer
 
-    def _start_fine(self, nav: NavState, spread: Spread | None = None, prior: Prior | None = None) -> None:
-        """Begin the fine phase with a state of the INS, and a prior of its errors; None: the told one.
+    def _after_coarse(self, coarse: coarse_methods.Coarse, nav: NavState) -> NavState:
+        """Begin the fine phase after the coarse one, which ends at ``nav``, and return the answer."""
+        self._coarse, spread = None, coarse.spread()
+        if not self.settings.coarse_again:
+            P0 = self.task.prior.P0
+            if spread is not None and not self.task.coarse_told:
+                P0 = told_by(spread, self.task.prior, nav.q_nb if self.settings.bias_frame == "nav" else None)
+            self._start_fine(nav, P0)
+            return nav
+        again = switch_on.second_pass(self.task, self._past, nav.q_nb, spread)
+        self._past, self._k, self._waiting = [], 0, np.ones(self._batch, dtype=bool)
+        for obs in again.past:
+            self._k += 1
+            nav = self._wait(obs, None if self.ins is None else self._fine(obs), again)
+        return nav
 
-        The ``spread`` of a coarse phase replaces the prior's attitude, unless the task tells one.
-        """
-        self._coarse = None
+    def _start_fine(self, nav: NavState, P0: Array) -> None:
+        """Begin the fine phase with a state of the INS, and the covariance P0 (..., 15, 15) of its errors."""
         self.ins = self._strapdown.start(nav)
-        P0 = (prior or self.task.prior).P0
-        if spread is not None and not self.task.coarse_told:
-            P0 = told_by(spread, self.task.prior, nav.q_nb if self.settings.bias_frame == "nav" else None)
         self.own = {p.name: np.zeros((*self._batch, p.size)) for p in self._errors.parameters if p.fed}
         errors = self._errors.prior(P0, self._batch)
         self.belief = self.filter.init(self._coordinates.prior(errors, nav), self._rng)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from sins_env.checks import choice, keep, number, shown
+from sins_env.checks import choice, flag, keep, number, shown
 from solvers.pipeline import coarse as coarse_methods
 from solvers.pipeline.errors.invariant import COORDINATES
 
@@ -29,6 +29,8 @@ class Settings:
     ``coarse``: method of the coarse phase, which an unknown start needs (:mod:`solvers.pipeline.coarse`). The default is
     "aided" in alignment and "svd" in navigation. There the vehicle stands still, which "svd" assumes. The velocities
     of fixes, on which "aided" relies, are noisier than that.
+    ``coarse_again``: whether the epochs of the coarse phase are then filtered again, from the first fix on
+    (:mod:`solvers.pipeline.switch_on`). They are all kept until then.
     ``aid_gate``: probability that a good reading of an aid, or a fix, lies within its gate; those outside are left out. With 1,
     the default, there is no gate.
 
@@ -41,6 +43,7 @@ class Settings:
     feedback: str | None = None
     coordinates: str | None = None
     coarse: str | None = None
+    coarse_again: bool = False
     aid_gate: float = 1.0
 
     def __post_init__(self) -> None:
@@ -49,6 +52,7 @@ class Settings:
         for name, allowed in (("feedback", FEEDBACK), ("coordinates", COORDINATES)):
             if getattr(self, name) is not None:
                 choice(name, getattr(self, name), allowed)
+        keep(self, "coarse_again", flag)
         keep(self, "aid_gate", number, least=0.5, most=1.0)
         if self.coarse is not None:
             coarse_methods.check_method(self.coarse)

@@ -1,9 +1,8 @@
-"""One episode of the bank: from epoch to epoch through strapdown, models, fix, reset and merger."""
+"""One episode of the bank: from epoch to epoch through strapdown, models, rest, fix, reset and merger."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeVar, cast
 
@@ -12,21 +11,26 @@ from numpy.typing import NDArray
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
-from sins_env.prior import Prior
 from sins_env.states import ERRORS, FIX, answered
 from sins_env.types import NavState, Observation, Task
+from solvers.blocks.conditioning import condition, log_likelihood
+from solvers.blocks.moments import correlated_moments
 from solvers.filters.inputs import patterns
+from solvers.pipeline import coarse as coarse_methods
 from solvers.pipeline import feedback, switch_on
 from solvers.pipeline.aiding.aid import Ins
 from solvers.pipeline.aiding.gps import Gps, noise_law
+from solvers.pipeline.aiding.stillness import Stillness, rest
 from solvers.pipeline.aiding.together import Aids, sensors, there, with_parameters
 from solvers.pipeline.bank import regimes, start
 from solvers.pipeline.bank.models import Models, propagate
+from solvers.pipeline.bank.settings import BankSettings
 from solvers.pipeline.bank.slices import Frame, Slices, join, normalised, replaced, sum_by_run, taken
 from solvers.pipeline.errors.invariant import Invariant, Seen
 from solvers.pipeline.errors.model import Parameter
 from solvers.pipeline.errors.navigation import NavigationErrors
 from solvers.pipeline.strapdown import EpochMotion, Strapdown, StrapdownState, carried_sample
+from solvers.pipeline.switch_on import SecondPass
 from solvers.types import Gaussian, Health, Measurement
 
 T = TypeVar("T")
@@ -38,18 +42,10 @@ OFFSET = "fix_offset"  #: name of the states of the offset of the fixes
 class Episode:
     """The state of the bank in an episode of ``task``."""
 
-    def __init__(
-        self,
-        task: Task,
-        num_runs: int,
-        spacing_deg: float,
-        imu_factors: Sequence[Sequence[float]],
-        fix_factors: Sequence[float],
-        fix_offsets: bool,
-    ) -> None:
-        self.task, self._k = task, 0
-        self._single = False  # until the first observation tells it
-        self._spacing = math.radians(spacing_deg)
+    def __init__(self, task: Task, num_runs: int, settings: BankSettings) -> None:
+        self.task, self.settings = task, settings
+        self._k, self._single = 0, False  # until the first observation tells whether it is a single run
+        self._spacing = math.radians(settings.spacing_deg)
         model, site = earth.get(task.site.earth), task.site.pos
         self._strapdown = Strapdown(model, task.epoch_s, task.n_sub, site, hold_position=not task.navigate)
         offset = (Parameter(OFFSET, 3, "m/s", std=0.0),)
@@ -61,21 +57,25 @@ class Episode:
         self._aid, self._aids = Gps(task, states), Aids(sensors(task, self._errors))
         self._decay, self._rate_ie = self._errors.decay(task.epoch_s), earth.rate_n(model, task.site.latitude)
         self._added = np.square([p.driven(task.epoch_s) / p.si for p in self._errors.parameters for _ in range(p.size)])
-        self._models = Models(tuple((g, a) for g, a in imu_factors), fix_offsets)
+        factors = settings.fix_factors
+        self._models = Models(tuple((g, a) for g, a in settings.imu_factors), settings.fix_offsets)
         self._chain = self._models.chain(task.epoch_s)
-        self._factors = np.array(fix_factors)
+        self._factors = np.array(factors)
         self._told = regimes.cells(noise_law(task.gps))
-        self._rest = regimes.stationary(len(fix_factors), list(fix_factors).index(1.0))
+        self._stationary = regimes.stationary(len(factors), list(factors).index(1.0))
         self._Q_gyro = self._errors.noise(replace(task.prior, vrw_ug_sqrt_hz=0.0))
         self._Q_accel = self._errors.noise(replace(task.prior, arw_deg_sqrt_h=0.0))
         self.slices: Slices | None = None  #: None before any run has a slice
         self._begin(num_runs)
 
     def _begin(self, runs: int) -> None:
-        self._runs = runs
+        self._runs, self._most = runs, 0
         self._failed_at = np.full(runs, -1)
         self._waiting: Mask = np.ones(runs, dtype=bool)  # for the first fix, or for the first epoch of a told start
         self._nav = NavState(np.zeros((runs, 4)), np.zeros((runs, 3)), np.tile(self.task.site.pos, (runs, 1)))  # answer
+        self._stillness = Stillness(self.task, runs) if self.settings.stillness else None
+        self._coarse: coarse_methods.Coarse | None = None
+        self._past: list[Observation] = []  # epochs of the coarse phase
 
     def step(self, obs: Observation) -> Array:
         """Return the answer at the end of the epoch."""
@@ -85,24 +85,53 @@ class Episode:
         self._k += 1
         if self._k == 1:
             self._begin(len(obs["dtheta"]))
-            if self.task.start is not None:
-                nav = NavState(*(np.reshape(part, (self._runs, part.shape[-1])) for part in self.task.start))
-                cut = start.told(nav, self.task.prior, self._spacing)
-                self._add(np.arange(self._runs), StrapdownState(cut[0], None), *cut[1:], self.task.prior)
-        if self.slices is not None:
-            with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # such runs are marked instead
-                self.slices = self._advance(self.slices, obs)
-        if self._waiting.any():
-            self._wait(obs)
+            self._open()
+        if self._coarse is None:
+            self._epoch(obs)
+        else:
+            self._gather(self._coarse, obs)
         return self._answer()
 
-    def _add(self, runs: NDArray[np.int64], ins: StrapdownState, weights: Array, variance: Array, prior: Prior) -> None:
-        """Add the slices (len(runs), G, ...) of runs."""
+    def _open(self) -> None:
+        """Add the slices of a told start, or begin a coarse phase."""
+        task, method = self.task, self.settings.coarse
+        if task.start is not None:
+            nav = NavState(*(np.reshape(part, (self._runs, part.shape[-1])) for part in task.start))
+            P0 = task.prior.P0
+            cut = start.told(nav, P0[switch_on.UP, switch_on.UP], self._spacing)
+            self._add(np.arange(self._runs), StrapdownState(cut[0], None), *cut[1:], P0)
+        elif method is not None and task.coarse_s:
+            self._coarse = coarse_methods.start(method, task, (self._runs,))
+
+    def _gather(self, coarse: coarse_methods.Coarse, obs: Observation) -> None:
+        """Take an epoch of the coarse phase; at its end, filter all of them."""
+        coarse.add(obs)
+        self._past.append(switch_on.kept(obs))
+        self._nav = self._nav._replace(q_nb=coarse.attitude())
+        if self._k * self.task.epoch_s < self.task.coarse_s - 1e-9 * self.task.epoch_s:
+            return
+        again = switch_on.second_pass(self.task, self._past, self._nav.q_nb, coarse.spread())
+        self._coarse, self._past, self._k = None, [], 0
+        for obs in again.past:
+            self._k += 1
+            self._epoch(obs, again)
+
+    def _epoch(self, obs: Observation, again: SecondPass | None = None) -> None:
+        """Take an epoch, or one of the coarse phase ``again``."""
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # such runs are marked instead
+            still = None if self._stillness is None else self._stillness.seen(obs)
+            if self.slices is not None:
+                self.slices = self._advance(self.slices, obs, still)
+        if self._waiting.any():
+            self._wait(obs, again)
+
+    def _add(self, runs: NDArray[np.int64], ins: StrapdownState, weights: Array, variance: Array, P0: Array) -> None:
+        """Add the slices (len(runs), G, ...) of runs, with the prior P0 (15, 15) but for the ``variance`` of the heading."""
         G, M = len(weights), self._models.count
-        self._most = G
+        self._most = max(self._most, G)
         N = len(runs) * G
         nav = NavState(*(part.reshape(N, -1) for part in ins.nav))
-        x = self._errors.prior(prior.P0, (N,))
+        x = self._errors.prior(P0, (N,))
         up = self._phi.stop - 1
         x.cov[:, up, up] = variance
         x = self._coordinates.prior(x, nav)
@@ -113,31 +142,51 @@ class Episode:
             weight=np.tile(weights[:, None] * self._models.first, (len(runs), 1)),
             mean=np.repeat(x.mean[:, None], M, axis=1),
             cov=np.repeat(x.cov[:, None], M, axis=1),
-            regimes=np.tile(self._rest, (N, M, 1)),
+            regimes=np.tile(self._stationary, (N, M, 1)),
         )
         self.slices = added if self.slices is None else join(self.slices, added)
         self._waiting[runs] = False
 
-    def _wait(self, obs: Observation) -> None:
-        """Start the runs that have their first fix in this epoch; the answer of the others is the level."""
-        level, waits = switch_on.level(obs), self._waiting.copy()
-        self._nav = self._nav._replace(q_nb=np.where(waits[:, None], level, self._nav.q_nb))
-        runs = np.flatnonzero(waits & (obs["gps_valid"][:, 0] == 1))
-        if not len(runs):
+    def _wait(self, obs: Observation, again: SecondPass | None) -> None:
+        """Start the runs that have their first fix in this epoch; the answer of the others is the level.
+
+        In a second pass the attitude is known, a run has as many slices as its own heading needs, and the last epoch of the coarse
+        phase needs no fix.
+        """
+        waits, k = self._waiting.copy(), self._k - 1
+        q_nb = switch_on.level(obs) if again is None else again.q_nb[k]
+        self._nav = self._nav._replace(q_nb=np.where(waits[:, None], q_nb, self._nav.q_nb))
+        now = obs["gps_valid"][:, 0] == 1
+        if again is None:
+            runs = np.flatnonzero(waits & now)
+            if len(runs):
+                cut = start.anywhere(NavState(*(part[runs] for part in self._nav)), self._spacing)
+                self._start(obs, runs, *cut, switch_on.switch_on_prior(self.task.prior).P0)
             return
-        nav, weights, variance = start.anywhere(NavState(*(part[runs] for part in self._nav)), self._spacing)
+        for run in np.flatnonzero(waits & (now | (k == len(again.past) - 1)))[:, None]:
+            P0 = again.P0[run[0]]
+            nav = NavState(*(part[run] for part in self._nav))
+            self._start(obs, run, *start.told(nav, P0[switch_on.UP, switch_on.UP], self._spacing), P0)
+
+    def _start(
+        self, obs: Observation, runs: NDArray[np.int64], nav: NavState, weights: Array, variance: Array, P0: Array
+    ) -> None:
+        """Add slices (len(runs), G, ...) with the velocity and the place of the fix."""
         seen = _rows(obs, np.repeat(runs, len(weights)))
         nav = Gps(self.task, self._errors.states).start(seen, nav.q_nb.reshape(-1, 4))
         ins = StrapdownState(nav, carried_sample(seen["dtheta"], seen["dvel"]))
-        self._add(runs, ins, weights, variance, switch_on.switch_on_prior(self.task.prior))
+        self._add(runs, ins, weights, variance, P0)
 
-    def _advance(self, s: Slices, obs: Observation) -> Slices:
-        """Return the slices one epoch later."""
+    def _advance(self, s: Slices, obs: Observation, still: Mask | None) -> Slices:
+        """Return the slices one epoch later; ``still`` (runs,) are the runs that are seen to stand still."""
         rows, before = _rows(obs, s.run), s.ins.nav
         bias = self.task.epoch_s / self.task.n_sub * s.bias[:, None]
         dtheta, last = rows["dtheta"] - bias[..., :3], s.ins.last
         ins, motion = self._strapdown.advance(s.ins, dtheta, rows["dvel"] - bias[..., 3:6])
-        s, of_epoch = self._lose(self._predict(s._replace(ins=ins), motion, before), (before, dtheta, last))
+        s = self._predict(s._replace(ins=ins), motion, before)
+        if still is not None and still.any():
+            s = self._rest(s, dtheta.sum(axis=-2), np.flatnonzero(still[s.run]))
+        s, of_epoch = self._lose(s, (before, dtheta, last))
         rows = _rows(obs, s.run)
         me = self._aid.read(rows, self._ins(s, of_epoch))
         if me is not None:
@@ -163,6 +212,20 @@ class Episode:
             x = Gaussian(x.mean * self._decay, x.cov * np.outer(self._decay, self._decay))
             x.cov[..., own, own] += np.diag(self._added)
         return s._replace(weight=mixed.weight, mean=x.mean, cov=x.cov, regimes=mixed.regimes)
+
+    def _rest(self, s: Slices, dtheta: Array, still: NDArray[np.int64]) -> Slices:
+        """Correct the slices at ``still``, which stand still after they turned by dtheta (N, 3) in the epoch.
+
+        The gyros' noise in the reading is that of the prediction, with the factor of each model.
+        """
+        part = s.take(still)
+        shown = rest(self.task, self._errors.states, dtheta[still], part.ins.nav)
+        chart = self._coordinates.at(part.ins.nav)
+        gyros = self._models.noise[:, 0, None, None]
+        R, M = shown.motion + gyros * shown.noise, gyros * (chart.slope() @ shown.cross)[:, None]
+        y = correlated_moments(chart.divided(shown.H)[:, None], part.x, R, M)
+        x, innovation, _ = condition(part.x, y, shown.z[:, None])
+        return self._weighed(s, part, still, x, log_likelihood(innovation), part.regimes)
 
     def _fix(self, s: Slices, me: Measurement, seen: NDArray[np.int64]) -> Slices:
         """Return the slices after the fixes, which those at ``seen`` have, with their means fed back into the INS.
@@ -210,21 +273,29 @@ class Episode:
 
         The noise is that of the regimes, or ``as_told``.
         """
-        every = len(seen) == len(s.run)
-        part, nu, H = (s, nu, H) if every else (s.take(seen), nu[seen], H[seen])
+        part, nu, H = (s, nu, H) if len(seen) == len(s.run) else (s.take(seen), nu[seen], H[seen])
         nu = nu[:, None] - part.mean @ H.mT
         if as_told:
             p, one = np.ones((*part.weight.shape, 1)), np.ones(1)
             after = regimes.update(part.x, nu, H[:, None], R, p, one, regimes.Cells(one, one))
             after = after._replace(regimes=part.regimes)
         else:
-            p = regimes.ahead(part.regimes, self._rest)
+            p = regimes.ahead(part.regimes, self._stationary)
             after = regimes.update(part.x, nu, H[:, None], R, p, self._factors, self._told)
+        return self._weighed(s, part, seen, after.x, after.log_likelihood, after.regimes)
+
+    def _weighed(
+        self, s: Slices, part: Slices, seen: NDArray[np.int64], x: Gaussian, likelihood: Array, probabilities: Array
+    ) -> Slices:
+        """Return the slices with those at ``seen``, ``part``, corrected to x, weighed by the log-likelihood and reset.
+
+        The ``probabilities`` are those of the regimes.
+        """
         logs = np.log(part.weight, out=np.full(part.weight.shape, -np.inf), where=part.weight > 0.0)
-        weight = normalised(logs + after.log_likelihood, part.run, self._runs)
-        part = part._replace(weight=weight, mean=after.x.mean, cov=after.x.cov, regimes=after.regimes)
+        weight = normalised(logs + likelihood, part.run, self._runs)
+        part = part._replace(weight=weight, mean=x.mean, cov=x.cov, regimes=probabilities)
         part = self._frame.reset(part)
-        return part if every else s.put(seen, part)
+        return part if len(seen) == len(s.run) else s.put(seen, part)
 
     def _lose(self, s: Slices, beside: T) -> tuple[Slices, T]:
         """Drop slices that are not finite, and what is ``beside`` them; a run without any is lost."""
@@ -252,7 +323,8 @@ class Episode:
 
     def covariance(self) -> Array:
         """Return the covariance of the corrected errors; that of the start for a run without slices."""
-        told = self.task.prior if self.task.start is not None else switch_on.switch_on_prior(self.task.prior)
+        begun = self.task.start is not None or self._coarse is not None
+        told = self.task.prior if begun else switch_on.switch_on_prior(self.task.prior)
         reported = answered(self.task.navigate)
         places = ERRORS.places(reported)
         P = np.tile(told.P0[np.ix_(places, places)], (self._runs, 1, 1))

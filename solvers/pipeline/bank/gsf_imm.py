@@ -15,54 +15,16 @@ Departures: the factors of the IMU's noise were chosen with a task in view that 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from sins_env.arrays import Array
-from sins_env.checks import build, flag, items, keep, number, numbers, refused
+from sins_env.checks import build
 from sins_env.types import Observation, Rng, Task
 from solvers.filters.brief import changed
 from solvers.pipeline.bank.episode import Episode
+from solvers.pipeline.bank.settings import BankSettings
 from solvers.registry import register
 from solvers.types import Health
-
-PAIRS = "pairs of finite numbers > 0, at least one"
-WITH_ONE = "finite numbers > 0 with 1.0 among them"
-
-
-@dataclass(frozen=True)
-class BankSettings:
-    """Settings of the bank.
-
-    ``spacing_deg``: largest width of a slice of headings.
-    ``imu_factors``: factors of the told variances of (gyros, accelerometers); the first pair is the likeliest by far.
-    ``fix_factors``: factors of the told variance of a fix, 1 among them.
-    ``fix_offsets``: whether the velocity of fixes may be off by a constant for some seconds.
-
-    Raises:
-        ValueError: a value that is not allowed.
-    """
-
-    spacing_deg: float = 20.0
-    imu_factors: Sequence[Sequence[float]] = ((1.0, 1.0), (1.0, 0.01), (30.0, 0.01), (30.0, 1e-4))
-    fix_factors: Sequence[float] = (0.01, 0.1, 1.0, 10.0, 100.0)
-    fix_offsets: bool = True
-
-    def __post_init__(self) -> None:
-        keep(self, "spacing_deg", number, least=0.5, most=360.0)  # a slice has an inertial solution of its own
-        keep(self, "imu_factors", _pairs)
-        keep(self, "fix_factors", numbers, None, WITH_ONE, above=0.0)
-        if 1.0 not in self.fix_factors:
-            raise refused("fix_factors", self.fix_factors, WITH_ONE)
-        keep(self, "fix_offsets", flag)
-
-
-def _pairs(name: str, given: Any) -> tuple[tuple[float, ...], ...]:
-    rows = items(given)
-    if not rows:
-        raise refused(name, given, PAIRS)
-    return tuple(numbers(name, row, 2, PAIRS, above=0.0) for row in rows)
 
 
 @register("gsf_imm")
@@ -73,7 +35,9 @@ class GSFIMM:
     It needs no setting. ``spacing_deg`` is the largest width of a slice of headings. ``imu_factors`` are pairs of factors of the
     told variances of gyros and accelerometers, of which the first is the likeliest by far. ``fix_factors`` are factors of the
     told variance of a fix, with 1 among them. ``fix_offsets``: whether the velocity of fixes may be off by a constant for some
-    seconds. The coarse phase of a task is not used: its epochs align from the first fix on.
+    seconds. ``stillness``: whether a base that is seen to stand still has no velocity and no rate; the claim needs sensors that are
+    as quiet as told. The coarse phase of a task is not used: its epochs align from the first fix on. With ``coarse``, a method of
+    the coarse phase, its epochs are filtered twice, at less cost, and nothing is known before its end.
 
     Raises:
         ValueError: an unknown setting, or a value that is not allowed.
@@ -104,8 +68,7 @@ class GSFIMM:
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:
         """Begin an episode of ``task``; nothing is drawn from ``rng``."""
-        s = self.settings
-        self._episode = Episode(task, num_runs, s.spacing_deg, s.imu_factors, s.fix_factors, s.fix_offsets)
+        self._episode = Episode(task, num_runs, self.settings)
 
     def step(self, obs: Observation) -> Array:
         """Return q_nb (..., 4) at the end of the epoch; in navigation with velocity and position, (..., 10)."""

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from sins_env.arrays import Array
-from sins_env.prior import Prior
 from sins_env.types import NavState
 from solvers.filters.mixtures.angles import slices
 from solvers.pipeline import feedback
@@ -15,12 +14,12 @@ from solvers.pipeline import feedback
 MOST_SLICES = 36
 
 
-def told(nav: NavState, prior: Prior, spacing: float) -> tuple[NavState, Array, Array]:
-    """Cut a told start into slices of at most ``spacing`` rad.
+def told(nav: NavState, variance: Array, spacing: float) -> tuple[NavState, Array, Array]:
+    """Cut a start with the ``variance`` () of its heading, rad^2, into slices of at most ``spacing`` rad.
 
     Return the states (runs, G, ...), the weights (G,) and the variance of the heading in a slice, rad^2.
     """
-    offsets, weights, variance = slices(np.array(prior.P0[2, 2]), spacing, MOST_SLICES)
+    offsets, weights, variance = slices(variance, spacing, MOST_SLICES)
     return turned(nav, offsets), weights, variance
 
 

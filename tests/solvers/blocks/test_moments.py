@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from oracles.problems import look, spd, swing, swing_jacobian
 
-from solvers.blocks.moments import Linearized, SigmaPoints, moments, tangent, transform
+from solvers.blocks.moments import Linearized, SigmaPoints, correlated_moments, moments, tangent, transform
 from solvers.blocks.sigma_rules import Cubature, Unscented
 from solvers.types import Gaussian, Linear
 
@@ -139,3 +139,14 @@ def test_repairs_are_reported():
 def test_unknown_root():
     with pytest.raises(ValueError, match="did you mean 'cholesky'"):
         SigmaPoints(Cubature(), "choleski")
+
+
+def test_noise_that_is_correlated_with_the_state():
+    """State and noise as one Gaussian, of which H x + v is read."""
+    rng = np.random.default_rng(12)
+    joint, x, H = spd(rng, 2, 7), rng.standard_normal((2, 5)), rng.standard_normal((2, 2, 5))
+    y = correlated_moments(H, Gaussian(x, joint[:, :5, :5]), joint[:, 5:, 5:], joint[:, :5, 5:])
+    A = np.concatenate([H, np.broadcast_to(np.eye(2), (2, 2, 2))], axis=-1)
+    np.testing.assert_allclose(y.mean, (H @ x[..., None])[..., 0], atol=1e-14)
+    np.testing.assert_allclose(y.cov, A @ joint @ A.mT, atol=1e-13)
+    np.testing.assert_allclose(y.cross, (joint @ A.mT)[:, :5], atol=1e-13)

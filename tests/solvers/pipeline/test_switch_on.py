@@ -1,13 +1,17 @@
 """A start of unknown attitude without a coarse phase: the level, runs whose first fixes differ, a drive that begins in motion."""
 
+import dataclasses
+
 import gymnasium
 import numpy as np
 import pytest
 
 import sins_env  # noqa: F401
 import solvers
-from sins_env import attitude
+from sins_env import attitude, earth
+from sins_env.types import NavState
 from solvers.pipeline import switch_on
+from solvers.pipeline.strapdown import Strapdown, StrapdownState
 
 SETTINGS = {
     "SINS/AlignSway-v0": {"duration": 6.0, "n_sub": 3},
@@ -91,3 +95,45 @@ def test_a_drive_that_begins_in_motion():
     sigma = np.sqrt(solver.covariance()[:, 2, 2])
     assert (np.abs(heading) < np.radians(2.0)).all()
     assert (np.abs(heading) < 4.0 * sigma).all()
+
+
+def test_a_coarse_phase_is_filtered_again():
+    """As if the attitude that it found had been told at the first fix, with a heading as wide as ten times its error."""
+    settings = SETTINGS["SINS/AlignSway-v0"]
+    task, seen = record("SINS/AlignSway-v0", 2, 60, **settings)
+    task = dataclasses.replace(task, coarse_s=4.0, coarse_told=True)
+    for k, obs in enumerate(seen, start=1):
+        obs["gps_valid"][:, 0] &= k >= np.array([3, 8])
+    solver, plain = (solvers.make("inekf", coarse_again=again) for again in (True, False))
+    answers = []
+    for one in (solver, plain):
+        one.reset(task, None, 2)
+        answers.append(np.array([one.step(obs) for obs in seen]))
+    np.testing.assert_array_equal(answers[0][:39], answers[1][:39])
+    again = switch_on.second_pass(task, seen[:40], answers[1][39], None)
+    np.testing.assert_array_equal(again.q_nb[-1], answers[1][39])
+    heading = np.sqrt(again.P0[:, 2, 2])
+    np.testing.assert_allclose(heading, min(10.0 * np.sqrt(task.prior.P0[2, 2]), np.pi / np.sqrt(3.0)))
+    for run, first in enumerate((3, 8)):
+        start = NavState(again.q_nb[first - 1][run], seen[first - 1]["gps_vel"][run], task.site.pos)
+        prior = dataclasses.replace(
+            switch_on.switch_on_prior(task.prior), attitude_std_deg=(3.0, 3.0, np.degrees(heading[run]))
+        )
+        alone = solvers.make("inekf")
+        alone.reset(dataclasses.replace(task, coarse_s=0.0, start=start, prior=prior), None, 1)
+        own = [alone.step({key: value[run] for key, value in obs.items()}) for obs in seen[first:]]
+        np.testing.assert_allclose(answers[0][39:, run], own[39 - first :], atol=1e-12)
+
+
+def test_the_gyros_carry_an_attitude_back():
+    """The strapdown, from the first attitude, leads to the last."""
+    task, seen = record("SINS/AlignSway-v0", 2, 30, **SETTINGS["SINS/AlignSway-v0"])
+    q = attitude.from_euler(np.array([0.3, -2.0]), np.array([0.1, 0.0]), np.array([0.0, 0.2]))
+    back = switch_on.carried_back(task, seen, q)
+    strapdown = Strapdown(earth.get(task.site.earth), task.epoch_s, task.n_sub, task.site.pos, hold_position=True)
+    state = StrapdownState(NavState(back[0], np.zeros((2, 3)), np.tile(task.site.pos, (2, 1))), None)
+    for obs, expected in zip(seen[1:], back[1:], strict=True):
+        state, _ = strapdown.advance(
+            state._replace(nav=state.nav._replace(vel=np.zeros((2, 3)))), obs["dtheta"], obs["dvel"]
+        )
+        np.testing.assert_allclose(state.nav.q_nb, expected, atol=1e-7)

@@ -7,6 +7,7 @@ import pytest
 
 import sins_env  # noqa: F401
 import solvers
+from sins_env import attitude
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.types import NavState
 
@@ -65,3 +66,22 @@ def test_a_run_of_a_batch_has_the_bits_of_a_single_run(name, more):
         np.testing.assert_array_equal(solver.covariance(), P[i])
         for key, value in solver.diagnostics().items():
             np.testing.assert_array_equal(value, facts[key][i])
+
+
+def test_a_base_at_rest_and_a_second_pass():
+    """Rows of a batch have the bits of single runs: at rest after ten seconds, and after a coarse phase that ends then."""
+    task, seen, truth = record("static8-v0", 3, 160, n_sub=2)
+    task = dataclasses.replace(task, coarse_s=10.0)
+    seen[20]["dtheta"][1, 0] += 1e-4  # a jolt, after which rest is seen later
+    settings = {"stillness": True, "coarse": "svd", "spacing_deg": 60.0}
+    solver = solvers.make("gsf_imm", **settings)
+    together = play(solver, task, seen)
+    P = solver.covariance()
+    plain = solvers.make("gsf_imm", coarse="svd", spacing_deg=60.0)
+    np.testing.assert_array_equal(play(plain, task, seen)[:99], together[:99])  # the coarse phase
+    assert (P[:, 2, 2] < 0.5 * plain.covariance()[:, 2, 2]).all()
+    for i in range(2):
+        np.testing.assert_array_equal(play(solver, task, seen, i), together[:, i])
+        np.testing.assert_array_equal(solver.covariance(), P[i])
+    phi = attitude.misalignment(together[-1], truth[-1])
+    assert (np.einsum("bi,bij,bj->b", phi, np.linalg.inv(P), phi) < 16.3).all()  # chi-square of 3 at 0.999
