@@ -3,7 +3,7 @@
 Idea: a filter takes each tangent once, at what it knew then, which may be wrong by tens of degrees. Here the errors of the INS at
 all epochs of a window are sought together (:mod:`solvers.filters.kalman.window`). Each feedback into the INS is a part of the
 next epoch's f. The INS runs in closed loop and its errors are right-invariant, so that f is nearly linear, and exact for errors
-of any size. While the heading at the beginning of the window is not known, the maximum is also sought from other headings.
+of any size.
 
 Source: Dellaert & Kaess (2017), doi:10.1561/2300000043, chapters 2 and 5 (elimination); Bell (1994), doi:10.1137/0804035 (the
 iterated smoother is Gauss-Newton); docs/mathematics/bound.md#sliding-window.
@@ -25,9 +25,7 @@ class FGO(Pipeline):
 
     ``window_s``: length of the window, s. ``relinearise_s``: time from one set of tangents to the next, s. ``iterations``:
     largest number of Gauss-Newton steps then. ``tolerance``: move of a state, in standard deviations, that makes another one.
-    ``spacing_deg``: largest width of a slice of headings, from each of which the maximum is sought while the heading at the
-    beginning of the window is not known. ``coordinates`` and ``coarse`` are those of the pipeline. The cost grows with
-    ``window_s / relinearise_s``, and with the number of slices.
+    ``coordinates`` and ``coarse`` are those of the pipeline. The cost grows with ``window_s / relinearise_s``.
     """
 
     def __init__(
@@ -37,11 +35,10 @@ class FGO(Pipeline):
         relinearise_s: float = 5.0,
         iterations: int = 3,
         tolerance: float = 0.05,
-        spacing_deg: float = 45.0,
         coordinates: str = "invariant",
         coarse: str | None = None,
     ) -> None:
-        window = WindowFilter(window_s, relinearise_s, iterations, tolerance, spacing_deg)
+        window = WindowFilter(window_s, relinearise_s, iterations, tolerance)
         super().__init__(window, coordinates=coordinates, coarse=coarse)
 
     def reset(self, task: Task, rng: Rng, num_runs: int = 1) -> None:

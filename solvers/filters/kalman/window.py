@@ -21,7 +21,6 @@ Departures: no damping; a step that raises the sum of squares is not taken.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -35,12 +34,10 @@ from solvers.blocks.moments import standard_deviations, tangent
 from solvers.filters.base import choose
 from solvers.filters.gaussian import Belief
 from solvers.filters.kalman.kf import KF
-from solvers.filters.mixtures.angles import TURN, least_known_angle, slices
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
 
 WORSE = 9.0  #: growth of the sum of squares at which a Gauss-Newton step is not taken: three standard deviations of one
 FILTER = KF()  #: the filter by which a linear problem is eliminated
-MOST = 36  #: largest number of other starts
 
 Moves = tuple[tuple[Function, Callable[[Array], Array]], ...]  #: moves of the state, each with its Jacobian
 
@@ -103,7 +100,6 @@ class WindowFilter:
     relinearise_s: float = 5.0  #: s, time from one set of tangents to the next; 0: at each fix
     iterations: int = 3  #: largest number of Gauss-Newton steps then
     tolerance: float = 0.05  #: move of a state, in standard deviations, below which its run keeps its tangents
-    spacing_deg: float = 360.0  #: largest width of a slice of an unknown angle, from each of which a maximum is sought
     batched = True
     feedback = "closed"  #: feedback into the INS, unless a setting says otherwise
     coordinates = "invariant"  #: coordinates of the errors, unless a setting says otherwise
@@ -113,7 +109,6 @@ class WindowFilter:
         keep(self, "relinearise_s", number, "a number of seconds", least=0.0, infinite=True)
         keep(self, "iterations", whole, least=0, most=1000)
         keep(self, "tolerance", number, least=0.0)
-        keep(self, "spacing_deg", number, above=0.0, most=360.0)
 
     def init(self, prior: Gaussian, rng: Any = None) -> WindowBelief:
         return self.begin(FILTER.init(prior, rng))
@@ -151,25 +146,11 @@ class WindowFilter:
         return max(1, round(min(self.window_s / length(tr), 1e9)))
 
     def _solve(self, past: tuple[Node, ...], inner: Belief, due: Mask) -> tuple[tuple[Node, ...], Belief]:
-        """Return the window with the tangents of the maximum near the present ones, or near another start that fits better.
-
-        Only the runs of the mask (...) change.
-        """
-        best, last, _ = self._climb(past, inner, due)
-        for start, own in starts(past[0], math.radians(self.spacing_deg)):
-            if (own & due).any():
-                nodes, state, settled = self._climb(*along(past, shoot(past, start)), own & due)
-                better = settled & (misfit(nodes) < misfit(best))
-                if better.any():
-                    best, last = choose(better, (nodes, state), (best, last))
-        return best, last
-
-    def _climb(self, past: tuple[Node, ...], inner: Belief, due: Mask) -> tuple[tuple[Node, ...], Belief, Mask]:
-        """Take Gauss-Newton steps until no state of any run that is due moves; the last result is whether it (...) has settled.
+        """Take Gauss-Newton steps until no state of the runs (...) that are due moves.
 
         A run that has stopped keeps its tangents, and so does one whose fixes a step explains worse.
         """
-        well = going = due & (inner.health.failed_at < 0)
+        going = due
         for _ in range(self.iterations):
             path = substitute(past, inner)
             going = going & self._moves(past, path)
@@ -179,8 +160,8 @@ class WindowFilter:
             better = (misfit(after) <= misfit(past) + WORSE) & (state.health.failed_at < 0)
             if (going & ~better).any():
                 after, state = choose(better | ~going, (after, state), (past, inner))
-            past, inner, well, going = after, state, well & (better | ~going), going & better
-        return past, inner, well & ~going
+            past, inner, going = after, state, going & better
+        return past, inner
 
     def _moves(self, past: tuple[Node, ...], path: list[Array]) -> Mask:
         """Return the runs (...) in which a state has left its tangent by more than the tolerance."""
@@ -209,52 +190,17 @@ def eliminate(
     return Node(step, before, first, last, f, surprise), after, innovation
 
 
-def along(past: tuple[Node, ...], path: list[Array], where: Mask | None = None) -> tuple[tuple[Node, ...], Belief]:
-    """Eliminate a window again, with tangents along the states of ``path`` in the runs of the mask (...), None: all.
+def along(past: tuple[Node, ...], path: list[Array], where: Mask) -> tuple[tuple[Node, ...], Belief]:
+    """Eliminate a window again, with tangents along the states of ``path`` in the runs of the mask (...).
 
     Return its nodes, and the belief at its end.
     """
     nodes, state = [], past[0].before
     for node, first, last in zip(past, path[:-1], path[1:], strict=True):
-        if where is not None:
-            first, last = (
-                np.where(where[..., None], new, old) for new, old in ((first, node.first), (last, node.last))
-            )
-        again, state, _ = eliminate(node.step, state, first, last)
+        there = (np.where(where[..., None], new, old) for new, old in ((first, node.first), (last, node.last)))
+        again, state, _ = eliminate(node.step, state, *there)
         nodes.append(again)
     return tuple(nodes), state
-
-
-def starts(node: Node, spacing: float) -> list[tuple[Array, Mask]]:
-    """Return states (..., n) before an epoch in slices of the angle that is least known, of at most ``spacing`` rad.
-
-    Each comes with a mask (...) of the runs that it is for; one whose angle is known better than half a slice has none. The other
-    states follow their regression on the angle.
-    """
-    if spacing >= TURN:
-        return []
-    x, P = node.before.mean, node.before.cov
-    axis = least_known_angle(node.step.tr.f, x, P)
-    here = np.maximum(axis, 0)[..., None]
-    column = np.take_along_axis(P, here[..., None], axis=-1)[..., 0]
-    variance = np.where(axis >= 0, np.take_along_axis(column, here, axis=-1)[..., 0], 0.0)
-    offsets, weights, _ = slices(np.where(np.isfinite(variance), variance, 0.0), spacing, MOST)
-    own = (weights > 0.0) & ((weights > 0.0).sum(axis=-1, keepdims=True) > 1)
-    if not own.any():
-        return []
-    step = column / np.where(variance > 0.0, variance, 1.0)[..., None]
-    return [(x + offsets[..., i, None] * step, own[..., i]) for i in range(own.shape[-1])]
-
-
-def shoot(past: tuple[Node, ...], start: Array) -> list[Array]:
-    """Return the states (..., n) of the window that follow ``start`` (..., n) without noise."""
-    path = [start]
-    for node in past:
-        x = path[-1]
-        for g, _ in node.step.moves:
-            x = g(x)
-        path.append(node.step.tr.f(x))
-    return path
 
 
 def substitute(past: tuple[Node, ...], last: Belief) -> list[Array]:
