@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from sins_env import __version__
 from sins_env.cli.arguments import Parser, count, executor, number, positive, seed, setting, several
-from sins_env.recordings import FORMATS
+from sins_env.recordings import FORMATS, REFUSING
 
 DEFAULT_DB = "results.sqlite"
 CODES = (
@@ -202,6 +202,7 @@ def _hold_against(verb: Verb) -> None:
     sub.add_argument("--imu", metavar="NAME", help="IMU preset that the solver is told (default rlg-car)")
     text = "withhold the fixes of these seconds of the window; may be repeated"
     _add_spans(sub, "--outage", ("START", "END"), text)
+    _add_accept(sub)
     sub.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of solvers that draw (default 0)")
     _add_settings(sub)
     _add_timeout(sub)
@@ -218,6 +219,7 @@ def _hold_against(verb: Verb) -> None:
     sub.add_argument("--resample", type=float, metavar="HZ", help="to another rate; never done unasked")
     sub.add_argument("--drop-duplicates", action="store_true", help="keep the first of samples with one stamp")
     sub.add_argument("--velocity-from-positions", action="store_true", help="for fixes without velocities")
+    _add_accept(sub)
     sub.add_argument("--force", action="store_true", help="overwrite OUT")
 
     sub = verb("bench", "verbs.bench:bench", "speed of the whole chain and of its parts")
@@ -233,6 +235,11 @@ def _hold_against(verb: Verb) -> None:
 
 def _add_settings(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help=_SETTING)
+
+
+def _add_accept(sub: argparse.ArgumentParser) -> None:
+    text = "take the recording although this was found (sins-env describe FILE shows what is); may be repeated"
+    sub.add_argument("--accept", action="append", default=[], choices=REFUSING, metavar="NAME", help=text)
 
 
 def _add_suite(sub: argparse.ArgumentParser) -> None:

@@ -11,17 +11,20 @@ reference in the frames of this package.
 
 Increments are Right-Forward-Up on one uniform clock. Gaps stay gaps (NaN), and nothing is resampled without being asked.
 Stamps that repeat or run back, impossible units, and files of the wrong form are one clear error. It has the file, the
-line or sample, what is there and what is allowed.
+line or sample, what is there and what is allowed. Each recording is checked against itself when it is read
+(``findings``): what would make results wrong is refused.
 
 Read ``recording``, ``files``, ``formats``; then ``mapping``, ``text``, ``axes``, ``column_units``, ``clock``,
-``assembling``; then what uses a recording: ``interpolation``, ``summary``.
+``assembling``, ``findings``; then what uses a recording: ``interpolation``, ``summary``.
 """
 
 from sins_env.recordings.axes import heading_pitch_roll, to_rfu
 from sins_env.recordings.clock import resample
 from sins_env.recordings.files import DATA_VARIABLE, FORMATS, format_of, left_out, load, save
+from sins_env.recordings.findings import REFUSING, Finding, findings
 from sins_env.recordings.formats.npz import LAYOUTS, Layout
 from sins_env.recordings.interpolation import reference_at
+from sins_env.recordings.mapping import accepted
 from sins_env.recordings.recording import Displacements, Gap, Gnss, Recording, Reference, first_few, seconds
 from sins_env.recordings.summary import Summary, summarise
 
@@ -29,13 +32,17 @@ __all__ = [
     "DATA_VARIABLE",
     "FORMATS",
     "LAYOUTS",
+    "REFUSING",
     "Displacements",
+    "Finding",
     "Gap",
     "Gnss",
     "Layout",
     "Recording",
     "Reference",
     "Summary",
+    "accepted",
+    "findings",
     "first_few",
     "format_of",
     "heading_pitch_roll",

@@ -10,7 +10,17 @@ from sins_env.recordings.mapping import Mapping
 from sins_env.recordings.recording import Recording
 
 #: Keys that the mapping of every format takes.
-COMMON_KEYS = ("format", "file", "axes", "resample_hz", "drop_duplicates")
+COMMON_KEYS = (
+    "format",
+    "file",
+    "axes",
+    "resample_hz",
+    "drop_duplicates",
+    "drop_null_fixes",
+    "drop_held_fixes",
+    "fix_shift_s",
+    "accept",
+)
 #: Keys of formats whose files do not state the place of the recording.
 SITE_KEYS = ("rate_hz", "site", "lever_arm_m", "velocity_from_positions")
 #: Keys of text formats, which have fixes and reference in files of their own.

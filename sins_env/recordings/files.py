@@ -16,6 +16,8 @@ from sins_env.checks import choice, unknown
 from sins_env.recordings.assembling import check_ranges
 from sins_env.recordings.column_units import check_plausible
 from sins_env.recordings.file_format import PARTS
+from sins_env.recordings.findings import check_findings, findings
+from sins_env.recordings.findings.mending import with_mended_fixes
 from sins_env.recordings.formats import FORMATS
 from sins_env.recordings.mapping import MOST_NAME, Mapping, companion, read_mapping, to_mapping
 from sins_env.recordings.recording import Recording
@@ -31,11 +33,12 @@ def load(path: str | os.PathLike[str], *, format: str | None = None, mapping: An
         format: one of ``FORMATS``; None takes that of the ending.
         mapping: path of a mapping, or its keys; None takes NAME.json beside a KF-GINS text or a CSV, if there is one.
         settings: single keys of the mapping, which replace those of ``mapping``: ``axes="FRD"``, ``resample_hz=100.0``,
-            ``drop_duplicates=True``, ``velocity_from_positions=True``, ...
+            ``drop_duplicates=True``, ``velocity_from_positions=True``, ``accept=["clock_offset"]``, ...
 
     Raises:
         FileNotFoundError: no such file; the error says where it was sought, and the nearest name there.
-        ValueError: a file that is no recording; the error has the file, what is wrong, and the sample or line.
+        ValueError: a file that is no recording, or one with a finding that would make results wrong. The error has the
+            file, what is wrong, and the sample, the line or the time.
     """
     found = _find(Path(path)).resolve()
     with _named(found):
@@ -127,9 +130,11 @@ def _find(path: Path) -> Path:
 @lru_cache(maxsize=8)
 def _load(path: Path, kind: str, mapping: str, stamps: tuple[int, ...]) -> Recording:
     """Read a recording, or return it from the cache; ``stamps``, times of change, let a changed file be read again."""
-    recording = FORMATS[kind].load(path, to_mapping(json.loads(mapping), str(path)))
+    told = to_mapping(json.loads(mapping), str(path))
+    recording = with_mended_fixes(FORMATS[kind].load(path, told), told)
     check_plausible(path, recording.rate_hz, recording.dtheta, recording.dvel)
     check_ranges(path, recording)
+    check_findings(findings(recording), told.accept)
     return recording
 
 

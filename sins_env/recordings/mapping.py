@@ -1,7 +1,8 @@
 """Mapping files: small JSON files that say what a recording's own files do not.
 
-Any format takes ``axes``, ``rate_hz``, ``resample_hz`` and ``drop_duplicates``. Text formats also take ``site``,
-``lever_arm_m``, ``gnss`` and ``reference``. A CSV needs columns and units, too::
+Any format takes ``axes``, ``rate_hz``, ``resample_hz`` and ``drop_duplicates``. Any takes what mends its fixes
+(``drop_null_fixes``, ``drop_held_fixes``, ``fix_shift_s``) and ``accept``, names of findings with which the recording is
+taken as it is. Text formats also take ``site``, ``lever_arm_m``, ``gnss`` and ``reference``. A CSV needs columns and units, too::
 
     {"format": "csv", "file": "imu.csv", "axes": "FRD", "site": [34.2, 108.9, 380.0],
      "time": {"column": "t", "unit": "ms"},
@@ -28,7 +29,9 @@ from sins_env import checks
 from sins_env.checks import build
 from sins_env.reading.documents import read_document
 from sins_env.recordings.axes import to_rfu
+from sins_env.recordings.findings.finding import REFUSING
 
+MOST_SHIFT_S = 1e9  #: largest shift of the stamps of the fixes, s
 MOST_NAME = 255  #: most characters of the name of a file
 RATES = ("hold", "trapezoid")  #: allowed values of ``rates``
 
@@ -58,6 +61,10 @@ class Mapping:
     rates: str = "hold"
     delimiter: str = ","
     header: bool | None = None
+    drop_null_fixes: bool = False  #: leaves out fixes at latitude 0 and longitude 0, or below all land
+    drop_held_fixes: bool = False  #: leaves out fixes that only repeat the one before
+    fix_shift_s: float = 0.0  #: number of seconds that the stamps of the fixes are moved by
+    accept: tuple[str, ...] = ()  #: names of findings with which the recording is taken as it is
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
@@ -74,8 +81,15 @@ class Mapping:
             given = getattr(self, name)
             if given is not None:
                 set_(self, name, checks.numbers(name, given, 3, allowed))
-        for name in ("drop_duplicates", "velocity_from_positions"):
+        for name in ("drop_duplicates", "velocity_from_positions", "drop_null_fixes", "drop_held_fixes"):
             checks.flag(name, getattr(self, name))
+        shift = "a number of seconds"
+        set_(
+            self,
+            "fix_shift_s",
+            checks.number("fix_shift_s", self.fix_shift_s, shift, least=-MOST_SHIFT_S, most=MOST_SHIFT_S),
+        )
+        set_(self, "accept", accepted(self.accept))
         checks.choice("way to integrate rates", self.rates, RATES)
         if not (isinstance(self.delimiter, str) and len(self.delimiter) == 1):
             raise checks.refused("delimiter", self.delimiter, "one character")
@@ -88,6 +102,20 @@ class Mapping:
         """Return the names of the files that this mapping adds to the recording's own."""
         parts = (self.gnss, self.reference)
         return [name for part in parts if isinstance(name := part.get("file") if isinstance(part, dict) else part, str)]
+
+
+def accepted(given: Any) -> tuple[str, ...]:
+    """Check names of findings, a list of them or one.
+
+    Raises:
+        ValueError: a name of no finding that refuses a recording; the nearest is offered.
+    """
+    names = (given,) if isinstance(given, str) else checks.items(given)
+    if names is None:
+        raise checks.refused("accept", given, f"names of findings: {', '.join(REFUSING)}")
+    for name in names:
+        checks.choice("finding to accept", name, REFUSING)
+    return tuple(names)
 
 
 def read_mapping(path: Path) -> dict[str, Any]:

@@ -16,6 +16,7 @@ SUB_S, BLOCK_S = 0.1, 1.0  #: rest shows in the spread of means over SUB_S withi
 REST_FORCE, REST_RATE = 0.05, 0.005  #: limits of this spread in each axis of a base at rest, m/s^2 and rad/s
 REST_LEAST_S = 5.0  #: length of the shortest span at rest that counts
 GUESS_MOST_S, GUESS_LEAST_S = 300.0, 20.0  #: limits of the span that gives the guess of the heading
+MEAN_OF = 10  #: number of velocities that are averaged before they count as motion
 MOVING_MPS = 0.5  #: speed of a fix, or of the reference, from which on the base has left the spot
 
 
@@ -51,7 +52,7 @@ def summarise(recording: Recording) -> Summary:
         np.linalg.norm(block_means(values, rate) * rate, axis=1) for values in (recording.dvel, recording.dtheta)
     )
     gnss, ref = recording.gnss, recording.reference
-    rest = _rest(recording)
+    rest = spans_at_rest(recording)
     guess = _guess(recording)
     fix_step = None if gnss is None or len(gnss.t_s) < 2 else float(np.median(np.diff(gnss.t_s)))
     heading = None
@@ -81,7 +82,7 @@ def _missing(t: Array, step: float) -> list[Gap]:
     return [Gap(float(t[i]), float(t[i + 1]), round(float(t[i + 1] - t[i]) / step) - 1) for i in wide]
 
 
-def _rest(recording: Recording) -> list[tuple[float, float]]:
+def spans_at_rest(recording: Recording) -> list[tuple[float, float]]:
     """Return the spans (start, end), s, in which every second is at rest."""
     rate = recording.rate_hz
     sub = max(round(SUB_S * rate), 1)
@@ -103,7 +104,25 @@ def _rest(recording: Recording) -> list[tuple[float, float]]:
         (recording.t0 + float(a) * length, recording.t0 + float(b) * length)
         for a, b in zip(edges[::2], edges[1::2], strict=True)
     ]
-    return [span for span in spans if span[1] - span[0] >= REST_LEAST_S]
+    return [span for span in spans if span[1] - span[0] >= REST_LEAST_S and not _travels(recording, *span)]
+
+
+def _travels(recording: Recording, start: float, end: float) -> bool:
+    """Return whether fixes or reference move in a span whose increments are steady: a straight drive feels like rest.
+
+    Velocities are averaged over ten stamps, so that the noise of a receiver is no motion.
+    """
+    for part in (recording.gnss, recording.reference):
+        if part is None or part.vel is None:
+            continue
+        vel = part.vel[(part.t_s > start) & (part.t_s <= end)]
+        if not len(vel):
+            continue
+        starts = np.arange(0, max(len(vel) - MEAN_OF + 1, 1), MEAN_OF)
+        means = np.add.reduceat(vel, starts, axis=0) / np.diff(np.append(starts, len(vel)))[:, None]
+        if (np.linalg.norm(means, axis=1) > MOVING_MPS).any():
+            return True
+    return False
 
 
 def _guess(recording: Recording) -> Guess | None:
@@ -116,7 +135,7 @@ def _guess(recording: Recording) -> Guess | None:
     q = inertial_alignment(recording, first, last)
     middle = (first + last) // 2
     late = inertial_alignment(recording, middle, last)
-    relative, _ = _carried(recording, first, middle)
+    relative = carried(recording, first, middle)[0][-1]
     whole, early = heading_pitch_roll(q), heading_pitch_roll(inertial_alignment(recording, first, middle))
     # C_nb at the start from that at the middle; the Earth has turned meanwhile
     w_ie = earth.rate_n(earth.get(recording.site.earth), recording.site.latitude)
@@ -140,11 +159,11 @@ def _on_the_spot(recording: Recording) -> tuple[int, int]:
     return first, max(min(last, int((most - recording.t0) * rate)), first)
 
 
-def _carried(recording: Recording, first: int, last: int) -> tuple[Array, Array]:
-    """Integrate increments in body axes frozen at the start.
+def carried(recording: Recording, first: int, last: int) -> tuple[Array, Array, int]:
+    """Integrate increments in body axes frozen at the start, over samples ``first`` to ``last`` without gaps.
 
-    Returns the attitude at the end relative to the start, (4,), and the velocity added by specific force, (S, 3). The
-    latter is given at the ends of S steps of about 0.02 s.
+    Returns the attitude relative to the start, (S, 4), and the velocity added by specific force, (S, 3), m/s, both at the
+    ends of S steps of about 0.02 s, and the number of samples in a step.
     """
     size = max(round(0.02 * recording.rate_hz), 1)  # 50 Hz is fine enough for a guess
     count = max((last - first) // size, 1)
@@ -157,7 +176,7 @@ def _carried(recording: Recording, first: int, last: int) -> tuple[Array, Array]
     middle = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], q[:-1]])
     half = attitude.multiply(middle, attitude.from_rotvec(0.5 * dtheta))
     steps = np.matmul(attitude.to_dcm(half), dvel[..., None])[..., 0]
-    return q[-1], np.cumsum(steps, axis=0)
+    return q, np.cumsum(steps, axis=0), size
 
 
 def _running_product(q: Array) -> Array:
@@ -176,7 +195,7 @@ def inertial_alignment(recording: Recording, first: int, last: int) -> Array:
     The integral of gravity in body axes frozen at the start is fitted to that in the local frame frozen at the start.
     This is Wahba's problem over all values of the integrals. See docs/mathematics/coarse_alignment.md#recordings.
     """
-    _, v_b = _carried(recording, first, last)
+    _, v_b, _ = carried(recording, first, last)
     t = (np.arange(len(v_b)) + 1) * ((last - first) / recording.rate_hz / len(v_b))
     site, model = recording.site, earth.get(recording.site.earth)
     w = earth.rate_n(model, site.latitude)

@@ -36,7 +36,7 @@ class ReplayWorld(ChunkedWorld):
 
     def __init__(self, env_id: str, settings: ReplaySettings) -> None:
         self.settings = settings
-        self.recording = recordings.load(settings.recording)
+        self.recording = recordings.load(settings.recording, accept=settings.accept or None)
         self.scored = self.recording.reference is not None
         if self.recording.gnss is not None and self.recording.gnss.vel is None:
             allowed = 'fixes with velocities, or "velocity_from_positions": true in its mapping'

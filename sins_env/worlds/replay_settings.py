@@ -12,7 +12,7 @@ import numpy as np
 
 from sins_env import checks
 from sins_env.prior import PRIORS
-from sins_env.recordings import Recording
+from sins_env.recordings import Recording, accepted
 from sins_env.sensors.gps import ZERO_VELOCITY
 from sins_env.specs import GPS_PRESETS, GpsSpec, gps_spec
 from sins_env.worlds.settings import STARTS, check_coarse, check_duration, check_epoch, check_misalignment
@@ -44,6 +44,8 @@ class ReplaySettings:
 
     ``start`` "told" needs a reference. ``misalignment_deg`` fixes the misalignment of a told start, E, N, U; None draws it.
 
+    ``accept`` has names of findings with which a recording is taken as it is (:mod:`sins_env.recordings.findings`).
+
     Raises:
         ValueError: any value out of its range.
     """
@@ -61,11 +63,13 @@ class ReplaySettings:
     misalignment_deg: tuple[float, ...] | None = None
     prior: str = "matched"
     mode: str = "align"
+    accept: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         checks.choice("start", self.start, STARTS)
         checks.choice("prior", self.prior, PRIORS)
         checks.choice("mode", self.mode, MODES)
+        object.__setattr__(self, "accept", accepted(self.accept))
         if not self.recording or not isinstance(self.recording, (str, os.PathLike)):
             raise checks.refused("recording", self.recording, "the path of a recording")
         set_ = object.__setattr__

@@ -23,8 +23,8 @@ def is_recording(name: str) -> bool:
 def describe_recording(name: str, console: Console) -> bool:
     """Print the contents of a recording."""
     with Bar(f"reading {name}"):
-        recording = recordings.load(name)
-        found = recordings.summarise(recording)
+        recording = recordings.load(name, accept=recordings.REFUSING)
+        found, against = recordings.summarise(recording), recordings.findings(recording)
     table = titled(recording.name)
     table.show_header = False
     table.add_column(no_wrap=True)
@@ -53,6 +53,9 @@ def describe_recording(name: str, console: Console) -> bool:
     for key, text in rows.items():
         table.add_row(key, text)
     console.print(table)
+    for one in against:
+        kind = "refused unless accepted" if one.wrong else "warning"
+        console.print(f"{kind}: {one}", markup=False, highlight=False, soft_wrap=True)
     return True
 
 

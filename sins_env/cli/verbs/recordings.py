@@ -30,6 +30,7 @@ def convert(given: Namespace, console: Console) -> int:
             resample_hz=given.resample,
             drop_duplicates=given.drop_duplicates or None,
             velocity_from_positions=given.velocity_from_positions or None,
+            accept=given.accept or None,
         )
         written = recordings.save(recording, target, format=kind, overwrite=given.force)
     for path in written:
@@ -55,6 +56,8 @@ def replay(given: Namespace, console: Console) -> int:
         for name, value in (("coarse", given.coarse), ("epoch", given.epoch), ("imu", given.imu), ("mode", given.mode))
         if value is not None
     }
+    if given.accept:
+        settings["accept"] = tuple(given.accept)
     if given.outage:
         settings["gps"] = {"outages_s": given.outage}
     try:
@@ -74,6 +77,8 @@ def replay(given: Namespace, console: Console) -> int:
         raise
     except EstimatorError as error:
         raise RunFailed(f"{given.solver} on {given.recording}: {error}") from error
+    for found in recordings.findings(recordings.load(given.recording, accept=given.accept or None)):
+        remark(f"warning: {found}")
     console.print(tables.table(one))
     if one.track is not None:
         console.print(tables.track_table(one, tables.MOST_ROWS))
