@@ -25,6 +25,7 @@ from solvers.pipeline import switch_on
 from solvers.pipeline.aiding.aid import Ins
 from solvers.pipeline.aiding.gps import Gps
 from solvers.pipeline.aiding.together import Aids, decayed, fits, sensors, with_parameters
+from solvers.pipeline.aiding.zero_velocity import ZeroVelocity
 from solvers.pipeline.coarse.spread import told_by
 from solvers.pipeline.errors.equivariant import Equivariant
 from solvers.pipeline.errors.invariant import Euler, Invariant
@@ -75,7 +76,8 @@ class Integration(ABC):
         states = self._errors.states
         self._phi, self._fed = states["phi"], states.span(*self._errors.fed)
         self._Q, self._aid = self._errors.noise(task.prior), self.aid(task, states)
-        self._aids = Aids((self._aid, *sensors(task, self._errors)))
+        rest = [ZeroVelocity(task, states)] if self.settings.stillness else []
+        self._aids = Aids((self._aid, *sensors(task, self._errors), *rest))
         self._rate_ie = earth.rate_n(self._earth, task.site.latitude)
         #: Parameters of aids that have been fed back so far by name, (..., size) in SI units.
         self.own: dict[str, Array] = {}

@@ -33,6 +33,7 @@ class Settings:
     (:mod:`solvers.pipeline.switch_on`). They are all kept until then.
     ``aid_gate``: probability that a good reading of an aid, or a fix, lies within its gate; those outside are left out. With 1,
     the default, there is no gate.
+    ``stillness``: whether a base that is seen to stand still (:mod:`solvers.pipeline.aiding.stillness`) has a velocity of zero.
 
     Raises:
         ValueError: a value that is not allowed.
@@ -45,6 +46,7 @@ class Settings:
     coarse: str | None = None
     coarse_again: bool = False
     aid_gate: float = 1.0
+    stillness: bool = False
 
     def __post_init__(self) -> None:
         choice("model", self.model, MODELS)
@@ -53,6 +55,7 @@ class Settings:
             if getattr(self, name) is not None:
                 choice(name, getattr(self, name), allowed)
         keep(self, "coarse_again", flag)
+        keep(self, "stillness", flag)
         keep(self, "aid_gate", number, least=0.5, most=1.0)
         if self.coarse is not None:
             coarse_methods.check_method(self.coarse)

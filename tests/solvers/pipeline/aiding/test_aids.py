@@ -246,3 +246,28 @@ def test_names_of_the_three_folders():
     assert set(classes("solvers.pipeline.aiding", aid.Sensor)) == set(NAMES)
     assert set(classes("sins_env.evaluation.bound", Term)) == set(NAMES)
     assert [spec.name for spec in specs({name: {} for name in NAMES})] == sorted(NAMES)
+
+
+def test_a_base_that_is_seen_to_stand_still_has_no_velocity():
+    """For all error models; a run alone has the bits of its row."""
+    for env_id, more in (
+        ("SINS/NavFlight-v0", {"profile": "sun2012"}),
+        ("SINS/AlignStatic-v0", {"gps": {"rate_hz": 5.0}}),
+    ):
+        env = gymnasium.make_vec(env_id, num_envs=3, epoch=0.2, n_sub=2, duration=15.0, reveal_truth=True, **more)
+        obs, _ = env.reset(seed=1)
+        task, made, alone = env.unwrapped.task, solvers.make("ekf", stillness=True), solvers.make("ekf", stillness=True)
+        made.reset(task, generators((3,)), 3)
+        start = NavState(*(part[2] for part in task.start))
+        alone.reset(dataclasses.replace(task, start=start), np.random.default_rng(0), 1)
+        for k in range(task.num_epochs):
+            answer = made.step(obs)
+            one = alone.step({name: value[2] for name, value in obs.items()})
+            np.testing.assert_array_equal(one, answer[2])
+            found = made.diagnostics()
+            if k < 40:
+                assert np.isnan(found.get("zero_velocity_nis", np.nan)).all()
+            obs = env.step(answer)[0]
+        assert (found["zero_velocity_nis"] < 20.0).all()
+        vel = made.filter.estimate(made.running.belief).cov[:, made.running.states["dv"], made.running.states["dv"]]
+        assert np.sqrt(vel[:, 0, 0]).max() < 0.01
