@@ -18,8 +18,8 @@ from scipy import special
 
 from sins_env.arrays import Array
 from sins_env.evaluation.score import exact, losses, resampling
-from sins_env.evaluation.score.resampling import LEAST_RUNS, NO_INTERVAL, TAILS
-from sins_env.evaluation.score.verdicts import LEAST_VERDICT
+from sins_env.evaluation.score.resampling import NO_INTERVAL, TAILS
+from sins_env.evaluation.score.verdicts import LEAST_INTERVAL, LEAST_VERDICT
 from sins_env.evaluation.show.numbers import number_text
 
 REPRODUCED, IN_ORDER, NOT, OPEN = "reproduced", "in order only", "not reproduced", "not told apart"
@@ -129,7 +129,7 @@ Print = Printed | PrintedMean | PrintedRatio | Said
 def capped_rms(errors: Array, cap: float, about_mean: bool = False, bound: float = math.nan) -> Estimate:
     """Compute the capped RMS of errors (R,), about zero, or about their mean with R - 1.
 
-    NaN marks lost runs, which count as the cap, and so does an error beyond it. The interval is NaN for fewer than six runs.
+    NaN marks lost runs, which count as the cap, and so does an error beyond it. Fewer than LEAST_INTERVAL runs have no interval.
     """
     known = np.isfinite(errors)
     runs, lost = int(known.sum()), int((~known).sum())
@@ -138,8 +138,13 @@ def capped_rms(errors: Array, cap: float, about_mean: bool = False, bound: float
     squares = losses.capped(errors - (errors[known].mean() if about_mean else 0.0), cap)
     if about_mean:
         squares = squares * len(errors) / (len(errors) - 1)
-    value, (low, high) = losses.score(squares)
-    return Estimate(value, low, high, runs, lost, bound)
+    return of_losses(squares)._replace(runs=runs, lost=lost, bound=bound)
+
+
+def of_losses(squares: Array) -> Estimate:
+    """Compute the root of the mean loss (R,). Fewer than LEAST_INTERVAL runs have no interval."""
+    value, (low, high) = _known(losses.score(squares), len(squares))
+    return Estimate(value, low, high, len(squares))
 
 
 def mean(values: Array) -> Estimate:
@@ -164,12 +169,15 @@ def _of_known(values: Array, statistic: Callable[[Array], resampling.Estimate]) 
 def ratio(a: Array, b: Array, lost: int = 0) -> Estimate:
     """Compute the ratio of RMS of two filters from their losses (R,) in the same runs, with the p value of no difference.
 
-    The interval is NaN for fewer than six runs. ``lost`` is the number of runs that one of them lost.
+    Fewer than LEAST_INTERVAL runs have no interval. ``lost`` is the number of runs that one of them lost.
     """
-    value, (low, high) = exact.ratio_by_flips(a, b)
-    if len(a) < LEAST_RUNS:
-        low, high = NO_INTERVAL
+    value, (low, high) = _known(exact.ratio_by_flips(a, b), len(a))
     return Estimate(value, low, high, len(a) - lost, lost, p=exact.sign_flips(a, b))
+
+
+def _known(found: resampling.Estimate, runs: int) -> resampling.Estimate:
+    """Return an estimate with its interval, or without one for few runs."""
+    return found if runs >= LEAST_INTERVAL else (found[0], NO_INTERVAL)
 
 
 def band(printed: Printed, ours: Estimate) -> tuple[float, float]:

@@ -45,7 +45,9 @@ class Root(NamedTuple):
         if not len(self.t):
             return NO_INTERVAL
         low, high = np.percentile(self.t, 50.0 * np.array([1.0 - confidence, 1.0 + confidence]))
-        return self.value * math.exp(-0.5 * high * self.error), self.value * math.exp(-0.5 * low * self.error)
+        with np.errstate(over="ignore"):  # resamples that drew nearly equal losses have no limit
+            ends = self.value * np.exp(-0.5 * self.error * np.array([high, low]))
+        return float(ends[0]), float(ends[1])
 
     def over(self, scale: float) -> Root:
         """Return the same root in units of ``scale``."""

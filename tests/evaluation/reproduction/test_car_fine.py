@@ -142,8 +142,8 @@ def test_twins_differ_by_the_disturbance_alone(quiet):
     one, after, slammed = (
         readings.excursion(t)(found, quiet) for found, t in ((early, EARLY_S), (late, LATE_S), (door, EARLY_S))
     )
-    assert one.low > 2 * after.high > 0
-    assert one.low > 2 * slammed.high > 0
+    assert one.value > 2 * after.value > 0
+    assert one.value > 2 * slammed.value > 0
 
 
 def test_a_line_reads_two_tasks(tmp_path):

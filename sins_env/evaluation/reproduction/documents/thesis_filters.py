@@ -32,7 +32,7 @@ from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.units import ARCSEC
 
-RUNS, QUICK = 200, 6
+RUNS, QUICK = 200, 20
 PARTICLE_RUNS, QUICK_PARTICLES = 40, 2  #: the same for particle filters, which cost a hundred times as much
 #: Filters that a first look leaves out. The first is like gpf, the second the same as ckf, and the third is not printed.
 SLOW = {"rqmc_gpf", "cgpf", "aukf_fading"}

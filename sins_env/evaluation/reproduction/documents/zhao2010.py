@@ -294,7 +294,7 @@ _EXAMPLE_2 = Table(
     ),
 )
 
-FLIGHT_RUNS, FLIGHT_QUICK = 200, 6
+FLIGHT_RUNS, FLIGHT_QUICK = 200, 20
 FLIGHT = get_task("flight-zhao2010-v0")
 FIXES_M = 10 * 3**0.5  #: RMS length of the error of a fix
 DIVERGES = Said("diverges", low=FIXES_M)

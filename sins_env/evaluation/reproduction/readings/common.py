@@ -13,7 +13,7 @@ import numpy as np
 
 from sins_env.arrays import Array, Mask
 from sins_env.evaluation.play.criteria import AZIMUTH, PHI, Criteria
-from sins_env.evaluation.reproduction.verdicts import NOTHING, Estimate, capped_rms, mean, ratio
+from sins_env.evaluation.reproduction.verdicts import NOTHING, Estimate, capped_rms, mean, of_losses, ratio
 from sins_env.evaluation.score import exact, losses, paired, quantities
 from sins_env.evaluation.score.headline import CAPS
 from sins_env.evaluation.score.navigation import bound_means, known_history
@@ -115,7 +115,7 @@ def armse(name: str) -> Reader:
 
     def read(results: Results) -> Estimate:
         unit, bound = quantities.quantity(name, True).unit, results.bound
-        value, (low, high) = losses.score(time_losses(results, name))
+        value, low, high, *_ = of_losses(time_losses(results, name))
         least = bound_means(results.records, bound)[name] if bound and bound.holds else math.nan
         return Estimate(value / unit, low / unit, high / unit, len(results.records), 0, least / unit)
 
