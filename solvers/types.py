@@ -43,7 +43,7 @@ class Linear(NamedTuple):
 class Transition(NamedTuple):
     """The model of one epoch, x' = f(x) + w with w ~ N(0, Q), equation 000 (3.2.1).
 
-    ``f`` takes (*batch, n) and, for sigma points, (*batch, points, n).
+    ``f`` takes (*batch, n) and, for sigma points, (*batch, points, n). Like ``h`` it must not depend on how often it is called.
     """
 
     f: Function

@@ -251,3 +251,15 @@ def test_linear_functions_pass_to_points():
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_examples_of_the_page_on_filters(example):
     exec(example, {})
+
+
+def test_a_run_that_a_move_loses_keeps_its_place():
+    flt, tr = OnManifold(make_filter("ekf"), CIRCLE), Transition(wrapped_onward, Q)
+    b, _ = flt.step(flt.init(Gaussian(np.array([[0.1, 0.2], [0.3, 0.4]]), np.eye(2))), tr, None)
+    before, bad = flt.estimate(b), np.array([0.0, np.nan])
+    moved = flt.relocate(b, lambda x: wrap(x + bad.reshape(2, *[1] * (x.ndim - 1)) + 1.0))
+    np.testing.assert_array_equal(moved.health.failed_at, [-1, 1])
+    np.testing.assert_allclose(flt.estimate(moved).mean, before.mean + np.array([[1.0], [0.0]]), atol=1e-12)
+    np.testing.assert_array_equal(flt.estimate(moved).cov[1], before.cov[1])
+    aside = b._replace(local=b.local._replace(mean=np.array([[0.2, 0.0], [0.0, 0.1]])))  # a mean beside its point
+    np.testing.assert_allclose(flt.estimate(aside).mean, b.point + aside.local.mean, atol=1e-12)
