@@ -9,6 +9,7 @@ indefinite, the next square root repairs it and the repair is counted. See docs/
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -17,7 +18,7 @@ from sins_env.arrays import Array, Mask
 from sins_env.kernels import helper, kernel
 from solvers.blocks.moments import Affine, grow, linear_moments, look, products
 from solvers.blocks.square_root import cholesky, decompose, some, symmetrize
-from solvers.types import Gaussian, Innovation, Linear, Moments
+from solvers.types import Gaussian, Innovation, Moments
 
 #: Least variance after a fix, relative to that before. P - W'W keeps no more digits: without a floor a prior of 1e16 would
 #: leave variances of either sign.
@@ -89,8 +90,7 @@ def condition_affine(prior: Gaussian, h: Affine, R: Array, z: Array) -> tuple[Ga
     """Return what ``condition`` does for z = h(x) + v with v ~ N(0, R), to the bit: in one kernel if no S needs a repair."""
     (H, offset), value = h
     if H.shape[-2] < H.shape[-1]:
-        known = value is not None
-        given = value if known else _zeros(H.shape[-2]) if offset is None else offset
+        given, known = _prediction(H, offset, value)
         mean, cov, residual, S, bad = _corrected(prior.mean, prior.cov, H, given, known, R, z)
         if not some(bad):
             return Gaussian(mean, cov), Innovation(residual, S), None
@@ -98,19 +98,29 @@ def condition_affine(prior: Gaussian, h: Affine, R: Array, z: Array) -> tuple[Ga
 
 
 def advance_affine(
-    x: Gaussian, f: Affine, Q: Array, h: Linear, R: Array, z: Array
+    x: Gaussian, f: Affine, Q: Array, h: Callable[[Array], Affine | None], R: Array, z: Array
 ) -> tuple[Gaussian, Innovation] | None:
     """Return the Gaussian of f(x) + w, w ~ N(0, Q), given z = h(x) + v, and the innovation: both steps in one kernel.
 
-    They have the bits of the steps one by one. None: these are needed, for some S needs a repair or a result is not finite.
+    ``h`` gives the affine map that stands for h, for the predicted mean. The results have the bits of the steps one by one.
+    None: these are needed, for there is no such map, it has as many rows as states, some S needs a repair, or a result is not
+    finite.
     """
-    H, offset = h
-    if H.shape[-2] >= H.shape[-1]:
-        return None
     ahead, P, _ = products(f, x)
-    offset = _zeros(H.shape[-2]) if offset is None else offset
-    mean, cov, residual, S, bad = _advanced(ahead, P, Q, H, offset, R, z)
+    line = h(ahead)
+    if line is None or line.map.matrix.shape[-2] >= x.mean.shape[-1]:
+        return None
+    (H, offset), value = line
+    given, known = _prediction(H, offset, value)
+    mean, cov, residual, S, bad = _advanced(ahead, P, Q, H, given, known, R, z)
     return None if some(bad) else (Gaussian(mean, cov), Innovation(residual, S))
+
+
+def _prediction(H: Array, offset: Array | None, value: Array | None) -> tuple[Array, bool]:
+    """Return the value of an affine map or, if it is not known, its offset, and whether it is the value."""
+    if value is not None:
+        return value, True
+    return _zeros(H.shape[-2]) if offset is None else offset, False
 
 
 @cache
@@ -129,15 +139,15 @@ def _corrected(
     bad[0] = not correct(x, P, H, given, known, R, z, mean, cov, residual, S)
 
 
-@kernel("(n),(n,n),(n,n),(m,n),(m),(m,m),(m)->(n),(n,n),(m),(m,m),()", "ddddddddddd?")
+@kernel("(n),(n,n),(n,n),(m,n),(m),(),(m,m),(m)->(n),(n,n),(m),(m,m),()", "ddddd?dddddd?")
 def _advanced(
-    x: Array, P: Array, Q: Array, H: Array, offset: Array, R: Array, z: Array,
+    x: Array, P: Array, Q: Array, H: Array, given: Array, known: bool, R: Array, z: Array,
     mean: Array, cov: Array, residual: Array, S: Array, bad: Mask,
 ) -> None:  # fmt: skip
     n = len(x)
     ahead, size = np.empty((n, n)), 0.0
     grow(P, Q, ahead)
-    bad[0] = not correct(x, ahead, H, offset, False, R, z, mean, cov, residual, S)
+    bad[0] = not correct(x, ahead, H, given, known, R, z, mean, cov, residual, S)
     if bad[0]:
         return
     for i in range(n):

@@ -39,11 +39,21 @@ class Affine(NamedTuple):
     value: Array | None = None  #: (..., m); None: not known
 
 
-def affine(g: Function, x: Gaussian, rule: MomentRule) -> Affine | None:
-    """Return the affine map that stands for g: g itself, or its tangent. None: the rule has none."""
+def affine(g: Function, mean: Array, cov: Array | None, rule: MomentRule) -> Affine | None:
+    """Return the affine map that stands for g: g itself, or its tangent. None: the rule has none.
+
+    ``mean`` (..., n) and ``cov`` (..., n, n) are those of x; without ``cov`` only a g with its own Jacobian has a tangent.
+    """
     if isinstance(g, Linear):
         return Affine(g)
-    return rule.tangent(g, x) if isinstance(rule, Linearized) else None
+    return rule.tangent(g, mean, cov) if isinstance(rule, Linearized) else None
+
+
+def has_tangent(g: Function) -> bool:
+    """Return whether g is ``Linear`` or has its own Jacobian."""
+    if isinstance(g, Linear) or getattr(g, "value_and_jacobian", None) is not None:
+        return True
+    return getattr(g, "jacobian", None) is not None
 
 
 def transform(g: Function, x: Gaussian, rule: MomentRule, noise: Array | None = None) -> tuple[Gaussian, Mask | None]:
@@ -51,7 +61,7 @@ def transform(g: Function, x: Gaussian, rule: MomentRule, noise: Array | None = 
 
     ``noise`` (..., m, m) is the covariance of w; None: there is no w.
     """
-    line = affine(g, x, rule)
+    line = affine(g, *x, rule)
     if line is not None:
         mean, cov, _ = linear_moments(line.map, x, noise, line.value)
         return Gaussian(mean, cov), None
@@ -61,7 +71,7 @@ def transform(g: Function, x: Gaussian, rule: MomentRule, noise: Array | None = 
 
 def moments(g: Function, x: Gaussian, rule: MomentRule) -> tuple[Moments, Mask | None]:
     """Return mean and covariance of g(x) as ``transform`` does, and the cross covariance (..., n, m) of x and g(x) with them."""
-    line = affine(g, x, rule)
+    line = affine(g, *x, rule)
     return rule.moments(g, x) if line is None else (linear_moments(line.map, x, None, line.value), None)
 
 
@@ -241,12 +251,14 @@ class Linearized:
 
     at: Literal["mean", "origin"] = "mean"
 
-    def tangent(self, g: Function, x: Gaussian) -> Affine:
-        """Return the tangent of g, with its value if it is taken at the mean."""
+    def tangent(self, g: Function, mean: Array, cov: Array | None) -> Affine | None:
+        """Return the tangent of g, with its value if it is taken at the mean; see :func:`affine`."""
+        if cov is None and not has_tangent(g):
+            return None
         if self.at == "mean":
-            value, J = _tangent_at(g, x.mean, x.cov)
+            value, J = _tangent_at(g, mean, cov)
             return Affine(Linear(J), value)
-        value, J = _tangent_at(g, np.zeros_like(x.mean), x.cov)
+        value, J = _tangent_at(g, np.zeros_like(mean), cov)
         return Affine(Linear(J, value))
 
     def transform(self, g: Function, x: Gaussian) -> tuple[Gaussian, Mask | None]:
@@ -264,7 +276,7 @@ def tangent_moments(g: Function, x: Gaussian, at: Array) -> tuple[Moments, Array
     return linear_moments(Linear(J, value), Gaussian(x.mean - at, x.cov)), J
 
 
-def _tangent_at(g: Function, at: Array, cov: Array) -> tuple[Array, Array]:
+def _tangent_at(g: Function, at: Array, cov: Array | None) -> tuple[Array, Array]:
     """Return value (..., m) and Jacobian (..., m, n) of g, with differences in units of the covariance (..., n, n) if needed."""
     known = _known_tangent(g, at)
     return _differences(g, at, standard_deviations(cov)) if known is None else known

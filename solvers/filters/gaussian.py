@@ -15,7 +15,7 @@ import numpy as np
 
 from sins_env.arrays import Array
 from solvers.blocks.conditioning import advance_affine, condition, condition_affine
-from solvers.blocks.moments import MomentRule, affine, linear_moments, moments, transform
+from solvers.blocks.moments import MomentRule, affine, has_tangent, linear_moments, moments, transform
 from solvers.filters.base import BatchFilter, count, initial_gaussian, initial_health
 from solvers.filters.inputs import wrapped
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
@@ -68,14 +68,15 @@ class GaussianFilter(BatchFilter[B]):
         )
 
     def advance(self, b: B, tr: Transition, me: Measurement | None) -> tuple[B, Innovation | None]:
-        if me is not None and type(me.h) is Linear and me.present is me.turns is None and self._plain:
+        if me is not None and me.present is me.turns is None and self._plain and has_tangent(me.h):
             mean, cov, (epoch, repairs, failed_at, fallbacks, frozen) = b
-            x = Gaussian(mean, cov)
-            f = None if frozen else affine(tr.f, x, self.rule)
-            found = None if f is None else advance_affine(x, f, tr.Q, me.h, me.R, me.z)
-            if found is not None:
-                health = Health(epoch + 1, repairs, failed_at, fallbacks)
-                return cast(B, Belief(*found[0], health)), found[1]
+            f, h, rule = None if frozen else affine(tr.f, mean, cov, self.rule), me.h, self.rule
+            if f is not None:
+                x = Gaussian(mean, cov)
+                found = advance_affine(x, f, tr.Q, lambda ahead: affine(h, ahead, None, rule), me.R, me.z)
+                if found is not None:
+                    health = Health(epoch + 1, repairs, failed_at, fallbacks)
+                    return cast(B, Belief(*found[0], health)), found[1]
         return super().advance(b, tr, me)
 
     def predict(self, b: B, tr: Transition) -> B:
@@ -86,7 +87,7 @@ class GaussianFilter(BatchFilter[B]):
     def correct(self, b: B, me: Measurement) -> tuple[B, Innovation]:
         """Return the belief after a measurement and the innovation; points are drawn anew about the prediction."""
         prior = Gaussian(b.mean, b.cov)
-        h = None if me.turns is not None else affine(me.h, prior, self.rule)
+        h = None if me.turns is not None else affine(me.h, *prior, self.rule)
         if h is not None:
             x, innovation, repaired = condition_affine(prior, h, me.R, me.z)
             return count(with_moments(b, *x), repaired), innovation

@@ -17,6 +17,7 @@ import numpy as np
 
 from sins_env.arrays import Array, Mask
 from sins_env.kernels import helper, kernel
+from solvers.blocks.square_root import some
 from solvers.types import MISSING, Chart, Function, Linear, Measurement, Transition
 
 TURN = 2.0 * math.pi  #: rad, a full turn
@@ -177,7 +178,7 @@ def covariance(name: str, given: Any, batch: Shape, n: int) -> Array:
         ValueError: another shape, or no covariance.
     """
     P = square(name, given, batch, n)
-    if np.count_nonzero(improper(P)):
+    if some(improper(P)):
         _refuse_covariance(name, P)
     return P
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from functools import cached_property
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from sins_env.states import Layout
 from sins_env.types import NavState
 from solvers.blocks.mixtures import spread, widen
 from solvers.blocks.moments import tangent
+from solvers.blocks.square_root import some
 from solvers.pipeline.errors import group, group_slopes
 from solvers.pipeline.errors.group import divide_slope, multiply_slope
 from solvers.pipeline.errors.group_slopes import right_jacobian
@@ -80,9 +80,11 @@ class Invariant(Euler):
 
     def at(self, nav: NavState) -> Chart:
         """Return the change of coordinates at a state of the INS."""
-        for known, chart in self._recent:
-            if known is nav:
-                return chart
+        recent = self._recent
+        if recent and recent[0][0] is nav:
+            return recent[0][1]
+        if len(recent) > 1 and recent[1][0] is nav:
+            return recent[1][1]
         held = nav.vel[..., None, :]
         if "dp" in self._states:
             held = np.stack([nav.vel, earth.offset(self._model, self._site, nav.pos)], axis=-2)
@@ -103,7 +105,7 @@ class Invariant(Euler):
         return Transition(Growth(a, tr.f, b), b.spread_noise(tr.Q), tr.G, tr.dt)
 
     def measurement(self, me: Measurement, nav: NavState) -> Measurement:
-        return me._replace(h=Seen(self.at(nav), me.h))
+        return Measurement(me.z, Seen(self.at(nav), me.h), me.R, me.law, me.present, me.turns, me.chart)
 
     def errors(self, xi: Array, nav: NavState) -> Array:
         return self.at(nav).errors(xi)
@@ -157,21 +159,29 @@ class Through:
 class Tangent(Through, ABC):
     """A function that is linear where xi is negligible, as a closed loop keeps it."""
 
-    @cached_property
-    @abstractmethod
+    _zero: tuple[Array | float, Array] | None = None
+
+    @property
     def at_zero(self) -> tuple[Array | float, Array]:
-        """Value (..., m) and Jacobian (..., m, n) at zero, in closed form; a value of zero may be a number."""
+        """Value (..., m) and Jacobian (..., m, n) at zero; a value of zero may be a number."""
+        if self._zero is None:
+            self._zero = self.closed_form()
+        return self._zero
+
+    @abstractmethod
+    def closed_form(self) -> tuple[Array | float, Array]:
+        """Return value and Jacobian at zero."""
 
     def __call__(self, xi: Array) -> Array:
         if xi.ndim > self.before.ndim:  # points, or components of a mixture
             return super().__call__(xi)
         near, far = self._near(xi), away(xi)
-        return np.where(far[..., None], super().__call__(xi), near) if np.count_nonzero(far) else near
+        return np.where(far[..., None], super().__call__(xi), near) if some(far) else near
 
     def value_and_jacobian(self, xi: Array) -> tuple[Array, Array]:
         far, mixture = away(xi), xi.ndim > self.before.ndim
         near = widen(self.at_zero[1]) if mixture else self.at_zero[1]
-        if not np.count_nonzero(far):
+        if not some(far):
             return self(xi) if mixture else self._near(xi), near
         y, J = super().value_and_jacobian(xi)
         J = np.where(far[..., None, None], J, near)
@@ -190,8 +200,7 @@ class Growth(Tangent):
     g: NavigationMap
     after: Chart
 
-    @cached_property
-    def at_zero(self) -> tuple[float, Array]:
+    def closed_form(self) -> tuple[float, Array]:
         F = self.after.growth(self.before, self.g.motion)
         decay = self.g.decay  # of parameters, whose rows are those of the identity
         return 0.0, F if decay is None else F * decay[:, None]
@@ -200,8 +209,7 @@ class Growth(Tangent):
 class Seen(Tangent):
     """What a measurement shows of xi."""
 
-    @cached_property
-    def at_zero(self) -> tuple[Array | float, Array]:
+    def closed_form(self) -> tuple[Array | float, Array]:
         if isinstance(self.g, Linear):
             offset = 0.0 if self.g.offset is None else self.g.offset
             return offset, self.before.divided(self.g.matrix)
@@ -225,7 +233,7 @@ class Reset(Through):
     def value_and_jacobian(self, xi: Array) -> tuple[Array, Array]:
         left = self(xi)
         J, far = self.before.right_jacobian(xi), away(left)
-        if not np.count_nonzero(far):
+        if not some(far):
             return left, J
         return left, np.where(far[..., None, None], np.linalg.solve(self.before.right_jacobian(left), J), J)
 
