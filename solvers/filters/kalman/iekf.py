@@ -91,7 +91,7 @@ class IEKF(GaussianFilter[Predicted]):
         return Predicted(*initial_belief(prior), None)
 
     def step(self, b: Predicted, tr: Transition, me: Measurement | None) -> tuple[Predicted, Innovation | None]:
-        if b.window is None and self.window_s <= length(tr):
+        if b.window is None and (self.window_s == 0.0 or self.window_s <= length(tr)):
             return super().step(b, tr, me)
         before = b.window or self.window.begin(Belief(b.mean, b.cov, b.health))
         window, innovation = self.window.step(before, tr, me)

@@ -129,6 +129,8 @@ class WindowFilter:
                 if due.any():
                     past, inner = self._solve(past, inner, due)
                     age = np.where(due, 0.0, age)
+            if inner.health.frozen:  # such runs stay where the last moves have left them
+                inner = choose(inner.health.failed_at < 0, inner, b.now)
         return WindowBelief(inner, inner, (), past, age), innovation
 
     def estimate(self, b: WindowBelief) -> Gaussian:
