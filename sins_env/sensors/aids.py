@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sins_env import attitude, checks, earth
 from sins_env.arrays import Array, Mask, Rngs
-from sins_env.checks import find
+from sins_env.checks import classes, find
 from sins_env.motion import Motion
 from sins_env.sensors.gps import epochs_per_fix, received
 from sins_env.sensors.imu import GaussMarkov, standard_normal
@@ -113,6 +113,11 @@ def specs(given: Any) -> tuple[AidSpec, ...]:
         raise checks.refused("aids", given, "a dict with the name of a preset or a dict of fields for each sensor")
     found = [sensor_of(name).specification.of(fields) for name, fields in given.items()]
     return tuple(sorted(found, key=lambda spec: spec.name))
+
+
+def known() -> dict[str, type[Sensor[Any]]]:
+    """Return all aiding sensors by name."""
+    return classes("sins_env.sensors", Sensor)  # type: ignore[type-abstract]
 
 
 def sensor_of(name: str) -> type[Sensor[Any]]:

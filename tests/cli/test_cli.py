@@ -84,6 +84,7 @@ def test_list_fits_one_screen_and_names_everything(cli, monkeypatch):
         ("solvers", "ckf", "The cubature Kalman filter."),
         ("flights", "hotstart30", "told heading wrong by 30 deg"),
         ("tables", "6.interference", "one disturbance of a parked car"),
+        ("aids", "dvl", "dp-d300a"),
         ("presets", "perfect", "IMU and GPS"),
         ("presets", "dgps", "GPS"),
     ],
@@ -115,6 +116,7 @@ def test_list_of_a_kind(cli, monkeypatch, kind, name, what, columns):
         ("tactical", "arw_deg_sqrt_h"),
         ("dgps", "rate_hz"),
         ("perfect", "GPS preset"),
+        ("dvl", "noise_mps 0.003"),
         (PLUGIN + "with_setting", "gain"),
         (GOOD, "The told attitude, carried on by the gyros."),
     ],
@@ -388,7 +390,10 @@ def test_bench_of_a_task_that_is_too_short(cli, short, monkeypatch):
         (("run", "sway-white-v0", GOOD, "--ploy=3"), "--ploy=3; did you mean '--plot'? (see sins-env run --help)"),
         (("run", "sway-white-v0", GOOD, "more"), "unrecognized arguments: more (see sins-env run --help)"),
         (("--frobnicate",), "(see sins-env --help)"),
-        (("list", "solver"), "unknown kind 'solver'; did you mean 'solvers'? Allowed: environments, flights, presets"),
+        (
+            ("list", "solver"),
+            "unknown kind 'solver'; did you mean 'solvers'? Allowed: aids, environments, flights, presets",
+        ),
     ],
 )
 def test_wrong_use(cli, tmp_path, arguments, part):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from argparse import Namespace
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
@@ -17,6 +18,7 @@ from sins_env.envs.environments import ENVIRONMENTS
 from sins_env.evaluation import reproduction
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.tasks.catalogue import TASKS
+from sins_env.sensors import aids
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS
 from sins_env.worlds.profiles import PROFILES
 
@@ -59,6 +61,11 @@ def _presets() -> Rows:
         yield name, " and ".join(sensors)
 
 
+def _aids() -> Rows:
+    for name, sensor in aids.known().items():
+        yield name, layout.summary(inspect.getmodule(sensor).__doc__), ", ".join(sensor.specification.presets)
+
+
 class Kind(NamedTuple):
     """Kind of things that ``list`` can list."""
 
@@ -74,6 +81,7 @@ KINDS = {
     "solvers": Kind(finding.names, ("name", "what"), _solvers),
     "flights": Kind(lambda: PROFILES, ("name", "what"), _flights),
     "tables": Kind(lambda: reproduction.TABLES, ("number", "what is printed"), _published),
+    "aids": Kind(aids.known, ("name", "what", "presets"), _aids, cites=False),
     "presets": Kind(lambda: dict.fromkeys([*IMU_PRESETS, *GPS_PRESETS]), ("name", "sensor"), _presets, cites=False),
 }
 

@@ -25,6 +25,8 @@ from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.show.footer import order
 from sins_env.evaluation.tasks.catalogue import TASKS
 from sins_env.evaluation.tasks.task import EvaluationTask, suite_hash
+from sins_env.sensors import aids
+from sins_env.sensors.gps import FIELDS
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS
 from sins_env.worlds.profiles import PROFILES, is_flight
 
@@ -33,9 +35,7 @@ OBSERVATION = {
     "t": ("(1,)", "s, end of the epoch"),
     "dtheta": ("(n_sub, 3)", "rad, gyro increments along the body's Right, Forward, Up"),
     "dvel": ("(n_sub, 3)", "m/s, accelerometer increments (specific force) along the same axes"),
-    "gps_vel": ("(3,)", "m/s, velocity fix East, North, Up at t; zeros without a fix"),
-    "gps_pos": ("(3,)", "latitude rad, longitude rad, height m; zeros without a fix"),
-    "gps_valid": ("(1,)", "1 where there is a fix at t"),
+    **{name: (f"{field.low.shape}", field.what) for name, field in FIELDS.items()},
 }
 ALIGNMENT = ("(4,)", "q_nb, scalar first, body to East, North, Up")
 NAVIGATION = ("(10,)", "q_nb, v_n m/s East, North, Up, latitude rad, longitude rad, height m")
@@ -59,6 +59,8 @@ def describe(given: Namespace, console: Console) -> int:
     for kind, presets in (("IMU", IMU_PRESETS), ("GPS", GPS_PRESETS)):
         if name in presets:
             found = _preset(kind, name, presets[name], console)
+    if name in aids.known():
+        found = _aid(aids.known()[name], console)
     if is_flight(name):
         found = describe_flight(name, console)
     if not found and is_recording(name):
@@ -117,6 +119,8 @@ def _environment(env_id: str, console: Console) -> bool:
     table = layout.table("observation of an epoch, and the action", "name", "shape", "what")
     for name, (shape, what) in OBSERVATION.items():
         table.add_row(name, shape, what)
+    if "aids" in (field.name for field in dataclasses.fields(cls.settings)):
+        table.add_row("<aid>", "by aid", "a reading of each sensor of aids, and <aid>_valid; see sins-env list aids")
     for navigates in cls.navigates:
         table.add_row("action", *(NAVIGATION if navigates else ALIGNMENT))
     console.print(table)
@@ -139,6 +143,23 @@ def _plain(value: Any) -> str:
 
 def _preset(kind: str, name: str, spec: Any, console: Console) -> bool:
     _fields(f"{name}, {kind} preset", spec, console)
+    return True
+
+
+def _aid(sensor: type[aids.Sensor[Any]], console: Console) -> bool:
+    console.print(
+        f"[bold]{sensor.name}[/]  {escape(layout.prose(sensor.specification.__doc__ or ''))}", highlight=False
+    )
+    _fields("fields and defaults", sensor.specification(), console)
+    if sensor.specification.presets:
+        table = layout.table("presets", "name", "fields")
+        for name, values in sensor.specification.presets.items():
+            table.add_row(name, ", ".join(f"{field} {_plain(value)}" for field, value in values.items()) or "defaults")
+        console.print(table)
+    table = layout.table("observation", "name", "shape", "what")
+    table.add_row(sensor.name, f"({sensor.size},)", sensor.what)
+    table.add_row(f"{sensor.name}_valid", "(1,)", "1 with a reading at t, else 0")
+    console.print(table)
     return True
 
 
