@@ -21,11 +21,11 @@ from solvers.pipeline import feedback, switch_on
 from solvers.pipeline.aiding.aid import Ins
 from solvers.pipeline.aiding.gps import Gps, noise_law
 from solvers.pipeline.aiding.stillness import Stillness, rest
-from solvers.pipeline.aiding.together import Aids, sensors, there, with_parameters
+from solvers.pipeline.aiding.together import Aids, fits, sensors, there, with_parameters
 from solvers.pipeline.bank import regimes, start
 from solvers.pipeline.bank.models import Models, propagate
 from solvers.pipeline.bank.settings import BankSettings
-from solvers.pipeline.bank.slices import Frame, Slices, join, normalised, replaced, sum_by_run, taken
+from solvers.pipeline.bank.slices import Frame, Reading, Slices, join, normalised, replaced, sum_by_run, taken
 from solvers.pipeline.errors.invariant import Invariant, Seen
 from solvers.pipeline.errors.model import Parameter
 from solvers.pipeline.errors.navigation import NavigationErrors
@@ -76,6 +76,7 @@ class Episode:
         self._stillness = Stillness(self.task, runs) if self.settings.stillness else None
         self._coarse: coarse_methods.Coarse | None = None
         self._past: list[Observation] = []  # epochs of the coarse phase
+        self._read: list[tuple[dict[str, slice], Reading]] = []  # of the last epoch, with the rows of each aid
 
     def step(self, obs: Observation) -> Array:
         """Return the answer at the end of the epoch."""
@@ -180,6 +181,7 @@ class Episode:
     def _advance(self, s: Slices, obs: Observation, still: Mask | None) -> Slices:
         """Return the slices one epoch later; ``still`` (runs,) are the runs that are seen to stand still."""
         rows, before = _rows(obs, s.run), s.ins.nav
+        self._read = []
         bias = self.task.epoch_s / self.task.n_sub * s.bias[:, None]
         dtheta, last = rows["dtheta"] - bias[..., :3], s.ins.last
         ins, motion = self._strapdown.advance(s.ins, dtheta, rows["dvel"] - bias[..., 3:6])
@@ -238,6 +240,7 @@ class Episode:
         H[..., : FIX["dv"].stop, self._offset] -= np.eye(3)  # INS minus fix shows the offset with a minus sign
         R = me.R if me.R.ndim == 2 else me.R[seen[0]]
         nu = me.z - z
+        self._read.append(({"gps": slice(len(R))}, Reading(s, nu, H, R, seen)))
         there = ~np.isnan(nu[seen])
         if there.all():
             return self._corrected(s, nu, H, R, seen)
@@ -249,6 +252,7 @@ class Episode:
         """Return the slices after readings of aids, whose noise is as told, with their means fed back into the INS."""
         z, H = Seen(self._coordinates.at(s.ins.nav), me.h).at_zero
         nu, R = np.where(there(me), me.z - z, np.nan), me.R if me.R.ndim == 2 else me.R[0]
+        self._read.append((self._aids.rows, Reading(s, nu, H, R, np.arange(len(nu)))))
         for rows, here in patterns(~np.isnan(nu)):
             if rows.any():
                 seen = np.flatnonzero(here)
@@ -349,6 +353,8 @@ class Episode:
     def diagnostics(self) -> dict[str, Array]:
         """Return weights and headings of the slices, and probabilities of models and regimes, of each run.
 
+        After an epoch with a fix or reading, ``<aid>_residual`` (..., m) is the INS minus the reading less its prediction in the
+        best slice, and ``<aid>_nis`` (...) its normalised square; NaN without one.
         The slots of slices that a run no longer has carry weight zero and a heading of NaN.
         """
         if self.slices is None:
@@ -366,6 +372,8 @@ class Episode:
             "model_probabilities": sum_by_run(s.weight, s.run, runs),
             "regime_probabilities": sum_by_run((s.weight[..., None] * s.regimes).sum(axis=1), s.run, runs),
         }
+        for rows, reading in self._read:
+            found |= fits(self._frame.innovation(reading, runs), rows)
         return {name: value[0] for name, value in found.items()} if self._single else found
 
 

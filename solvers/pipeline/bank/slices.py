@@ -58,6 +58,16 @@ class Slices(NamedTuple):
         return cast(Slices, replaced(self, index, other))
 
 
+class Reading(NamedTuple):
+    """A reading of an aid, and the slices before they were corrected by it."""
+
+    s: Slices
+    nu: Array  #: (N, m), INS minus reading
+    H: Array  #: (N, m, n), at zero error
+    R: Array  #: (m, m)
+    seen: NDArray[np.int64]  #: the slices that have it
+
+
 def taken(part: Any, index: NDArray[Any]) -> Any:
     """Return the rows at ``index`` of an array; of a tuple of arrays, or of such tuples, part by part."""
     if part is None:
@@ -238,6 +248,15 @@ class Frame:
         apart = one.mean - mean[s.run]
         cov = one.cov + apart[..., :, None] * apart[..., None, :]
         return Gaussian(mean, sum_by_run(size[:, None, None] * cov, s.run, runs))
+
+    def innovation(self, reading: Reading, runs: int) -> Innovation:
+        """Return the innovation (runs, m) of a reading in the best slice of each run; NaN in a run without one."""
+        s, nu, H, R, seen = reading
+        one = collapse(_conditional(s.weight), s.x)
+        residual, S = nu - (H @ one.mean[..., None])[..., 0], H @ one.cov @ H.mT + R
+        top = best(s.weight, s.run, runs)
+        gone = ((top < 0) | ~np.isin(top, seen))[:, None]
+        return Innovation(np.where(gone, np.nan, residual[top]), np.where(gone[..., None], np.nan, S[top]))
 
     def tidy(self, s: Slices, runs: int) -> Slices:
         """Drop slices of little weight, and merge those that agree with the best one of their run into it, model by model."""

@@ -203,6 +203,11 @@ def test_all_aids_in_the_chain(name):
     low, high = stats.chi2.ppf([0.0005, 0.9995], 9 * RUNS) / RUNS
     assert low < nees(error, made.covariance()).mean() < high
     assert np.abs(error[:, 8]).max() < 6.0
+    found = made.diagnostics()
+    for aid_name, rows in (("odometer", 1), ("heading", 3), ("height", 1)):
+        assert found[f"{aid_name}_residual"].shape == (RUNS, rows)
+        assert found[f"{aid_name}_nis"].mean() == pytest.approx(rows, abs=5 * np.sqrt(2 * rows / RUNS))
+    assert np.isnan(found.get("gps_nis", np.nan)).all()  # in the outage
 
 
 def test_a_gate_leaves_out_the_aid_that_is_wrong_alone():
