@@ -101,7 +101,7 @@ class Sensor(ABC):
 
     @classmethod
     def states_of(cls, spec: Any) -> tuple[Parameter, ...]:
-        """Return the parameters that the sensor adds to the errors of the INS, all of which are fed back."""
+        """Return the parameters that the sensor adds to the errors of the INS; those without a spread are no states."""
         return ()
 
     @classmethod
@@ -141,7 +141,8 @@ class Sensor(ABC):
         reading, present = self.told(obs, ins)
         if not present.any():
             return None
-        own = {p.name: ins.own[p.name] for p in self.parameters}
+        batch = ins.nav.vel.shape[:-1]  # a parameter without a spread is known to be zero, and no state
+        own = {p.name: ins.own[p.name] if p.std else np.zeros((*batch, p.size)) for p in self.parameters}
         hat = State(ins.C, ins.nav.vel, np.zeros_like(ins.nav.vel), self.rate(ins), own)
         expected = self.value(hat)
         z = np.where(present, expected - reading, 0.0)
@@ -172,7 +173,7 @@ class Shown:
             if name in slopes and block in states:
                 J[..., states[block]] = slopes.pop(name) * states.si[states[block]]
         for p in self.sensor.parameters:
-            if p.name in slopes:
+            if p.name in slopes and p.std:
                 J[..., states[p.name]] = -slopes[p.name] * p.si
         return J
 
@@ -193,7 +194,7 @@ class Shown:
             vel,
             -part("dp") if "dp" in states else np.zeros_like(vel),
             rate - part("gyro_bias"),
-            {name: value + part(name) for name, value in own.items()},
+            {name: value + part(name) if name in states else value for name, value in own.items()},
         )
 
     def _points(self, x: Array) -> bool:

@@ -37,10 +37,10 @@ def kinds(task: Task, errors: ErrorModel) -> list[tuple[type[Sensor], Any]]:
     return [(kind, spec) for kind, spec in found if kind.fits(errors.states)]
 
 
-def with_parameters(errors: E, task: Task, before: Sequence[Parameter] = (), behind: Sequence[Parameter] = ()) -> E:
-    """Return an error model with the parameters of the aids of a task, between others."""
-    own = [p for kind, spec in kinds(task, errors) for p in kind.states_of(spec)]
-    return replace(errors, parameters=(*before, *own, *behind))
+def with_parameters(errors: E, task: Task, behind: Sequence[Parameter] = ()) -> E:
+    """Return an error model with the parameters of the aids of a task that are not known, and others behind them."""
+    own = [p for kind, spec in kinds(task, errors) for p in kind.states_of(spec) if p.std]
+    return replace(errors, parameters=(*own, *behind))
 
 
 def sensors(task: Task, errors: ErrorModel) -> tuple[Sensor, ...]:

@@ -276,3 +276,14 @@ def test_a_base_that_is_seen_to_stand_still_has_no_velocity():
         assert (found["zero_velocity_nis"] < 20.0).all()
         vel = made.filter.estimate(made.running.belief).cov[:, made.running.states["dv"], made.running.states["dv"]]
         assert np.sqrt(vel[:, 0, 0]).max() < 0.01
+
+
+def test_a_parameter_without_a_spread_is_no_state():
+    known = {
+        "dvl": {"scale_ppm": 0.0, "mounting_mrad": 0.0},
+        "height": {"bias_m": 0.0},
+        "heading": {"mounting_deg": 0.0},
+    }
+    error, made = fly("ckf", known, 4)
+    assert made.running.states.names == ERRORS.names
+    assert nees(error, made.covariance()).mean() < stats.chi2.ppf(0.9995, 9 * 4) / 4
