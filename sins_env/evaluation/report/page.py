@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sins_env.evaluation.report.page_figures import drawings
-from sins_env.evaluation.report.page_tables import Failure, Row, failures_of, heads_of, page_columns, rows_of, with_unit
+from sins_env.evaluation.report.page_tables import Failure, Row, failures_of, heads_of, page_columns, rows_of
 from sins_env.evaluation.report.panel import DASHES, Drawing, Lineup, Look
 from sins_env.evaluation.report.svg import LOOKS
 from sins_env.evaluation.score import ranking
+from sins_env.evaluation.score.headline import headline
+from sins_env.evaluation.score.quantities import quantity
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show import footer
 from sins_env.evaluation.show.cells import Cell
@@ -40,6 +42,7 @@ class Section(NamedTuple):
     legend: list[tuple[str, Look]]
     others: int
     has_bound: bool
+    has_oracle: bool
     holds: bool
     drawings: list[Drawing]
     failures: list[Failure]
@@ -93,7 +96,6 @@ def html_report(
         solvers=len(solvers),
         dashes=DASHES,
         many_suites=many_suites,
-        best_name="main error" if any(section.task_navigates for section in sections) else "azimuth RMS",
     )
     return page
 
@@ -127,19 +129,18 @@ def _section(
         legend=[(label, lineup.looks[label]) for label in named],
         others=len(group) - len(named),
         has_bound=lineup.bound is not None,
+        has_oracle=lineup.oracle is not None,
         holds=lineup.bound is not None and bool(lineup.bound.holds),
         drawings=drawings(lineup),
         failures=failures[:MOST_REASONS],
         reasons_left=len(failures[MOST_REASONS:]),
-        failed=sum(one.summary.failures for one in group),
+        failed=sum(one.verdict.failures for one in group),
         runs=sum(runs),
         fewest=min(runs),
         most=max(runs),
         leaders=[one.label for rank, one in lines if rank == 1] if first.scored else [],
-        best=best._replace(value=with_unit(best.value, main.unit))
-        if first.scored
-        else Cell("-", "not scored: no reference"),
-        best_of=main.title if first.navigation is not None else "",
+        best=best if first.scored else Cell("-", "not scored: no reference"),
+        best_of=quantity(headline(group[0].task), True).name if first.navigation is not None else "",
         digest=digest,
         sessions=sessions,
         task_navigates=first.navigation is not None,

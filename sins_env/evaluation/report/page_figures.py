@@ -15,9 +15,10 @@ from sins_env.evaluation.score.metrics import success_profile
 from sins_env.evaluation.score.quantities import QUANTITIES
 from sins_env.evaluation.score.resampling import NO_INTERVAL, Interval
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show.cells import success_text
+from sins_env.evaluation.show.cells import aligned_text
 from sins_env.evaluation.show.error_figure import error_curve, size_of
 from sins_env.evaluation.show.numbers import angle_text, number_text
+from sins_env.evaluation.show.style import oracle_style
 from sins_env.units import ARCSEC, DEG
 
 CURVE_POINTS = 140  #: most points of a curve over time
@@ -30,7 +31,8 @@ def drawings(lineup: Lineup) -> list[Drawing]:
         return costs
     curves = CURVES if lineup.lines[0].summary.navigation is not None else CURVES[:2]
     over_time = [_over_time(lineup, curve) for curve in curves]
-    return [*over_time, _aligned(lineup), _profile(lineup, azimuth=True), _profile(lineup, azimuth=False), *costs]
+    profiles = [_profile(lineup, azimuth) for azimuth in (True, False)]
+    return [*over_time, _failed(lineup), _aligned(lineup), *profiles, *costs]
 
 
 def _best(lineup: Lineup, say: Any) -> str:
@@ -68,6 +70,10 @@ def _over_time(lineup: Lineup, curve: Curve) -> Drawing:
         sigma = size_of(lineup.bound.sigma[:, parts], of_component) / unit
         axes.plot(lineup.bound.t, sigma, **_bound_style(lineup.bound))
         least = min(least, float(sigma.min()))
+    if lineup.oracle:
+        size = size_of(lineup.oracle.history[:, picked][..., parts], of_component)
+        in_ink: dict[str, Any] = oracle_style() | {"color": PAGE["ink"]}
+        axes.plot(t, error_curve(size, unit, 1)[0], **in_ink)
     if criteria.coarse_s:
         axes.axvspan(0, criteria.coarse_s, color=PAGE["grid"], alpha=0.5, linewidth=0)
     axes.set_yscale("log")
@@ -134,6 +140,33 @@ def _bound_style(bound: Bound) -> dict[str, Any]:
     return {"color": PAGE["ink"], "linewidth": 1.1, "linestyle": dash, "zorder": 3}
 
 
+def _failed(lineup: Lineup) -> Drawing:
+    """Draw the share of failed runs of each solver with its interval, in the order of the table."""
+    panel = Panel(lineup, "fa")
+    for place, one in reversed(list(enumerate(lineup.lines, start=1))):
+        told = one.verdict
+        style = panel.style(one, f"{told.failures} of {told.runs}")
+        low, high = (100 * end for end in told.failed_ci)
+        panel.axes.plot(
+            [place, place], [low, high], color=style["color"], linewidth=style["linewidth"], zorder=style["zorder"]
+        )
+        marker: dict[str, Any] = {"marker": "o", "markersize": 6, "linestyle": "", "markeredgewidth": 0}
+        panel.axes.plot(
+            [place], [100 * told.failed], color=style["color"], gid=style["gid"], zorder=style["zorder"], **marker
+        )
+    said = _best(lineup, lambda one: f"{one.verdict.failures} of {one.verdict.runs}")
+    title, count = "Failed runs", len(lineup.lines)
+    svg = panel.svg(
+        title,
+        f"Share of failed runs with 95 % intervals, in the order of the table. {said}.",
+        xlabel="place in the table",
+        ylabel="% of runs",
+        ylim=(-3, 103),
+        xlim=(0.4, count + 0.6),
+    )
+    return Drawing(title, "with the 95 % interval of Clopper and Pearson", svg)
+
+
 def _aligned(lineup: Lineup) -> Drawing:
     """Draw the share of runs that have aligned by a time; runs that never align keep the curve below 100 %."""
     panel, criteria = Panel(lineup, "al"), lineup.lines[0].records.criteria
@@ -146,8 +179,8 @@ def _aligned(lineup: Lineup) -> Drawing:
         if len(x) > CURVE_POINTS:
             kept = np.unique(np.linspace(0, len(x) - 1, CURVE_POINTS).round().astype(int))
             x, y = x[kept], y[kept]
-        panel.axes.step(x, y, where="post", **panel.style(one, success_text(one.summary)))
-    said = _best(lineup, lambda one: success_text(one.summary))
+        panel.axes.step(x, y, where="post", **panel.style(one, aligned_text(one)))
+    said = _best(lineup, aligned_text)
     what = f"Part of the runs that are aligned, against time. At the end: {said}."
     title = "Runs aligned by a time"
     svg = panel.svg(

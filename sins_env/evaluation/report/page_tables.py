@@ -11,7 +11,7 @@ from typing import NamedTuple
 from sins_env.evaluation.report.panel import Lineup, Look
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show.cells import Cell
-from sins_env.evaluation.show.columns import PAGE, Column, Slot, table_columns
+from sins_env.evaluation.show.columns import PAGE, Column, table_columns
 
 AXIS = 5.0  #: end of the axis of intervals, over the median RMS
 _WHEN = re.compile(r",? at (\d+(?:\.\d+)?) s\b")
@@ -35,6 +35,7 @@ class Row(NamedTuple):
     look: Look | None
     whisker: Whisker | None
     cells: list[Cell]
+    preliminary: bool  #: whether its runs are too few for a verdict
 
 
 class Failure(NamedTuple):
@@ -55,13 +56,7 @@ def with_unit(text: str, unit: str) -> str:
 
 def page_columns(group: Sequence[Results]) -> list[Column]:
     """Return the columns to the right of the solver; the main score comes first, beside its whisker."""
-
-    def order(column: Column) -> tuple[bool, Slot]:
-        # many errors of navigation would hide what failed
-        early = column.slot is Slot.FAILURES and group[0].records.criteria.navigates
-        return not column.main(group[0].task), Slot.TIME if early else column.slot
-
-    return sorted(table_columns(group, PAGE), key=order)
+    return sorted(table_columns(group, PAGE), key=lambda column: not column.main(group[0].task))
 
 
 def heads_of(group: Sequence[Results]) -> list[tuple[str, str]]:
@@ -69,7 +64,7 @@ def heads_of(group: Sequence[Results]) -> list[tuple[str, str]]:
     return [(one.title, one.about(group[0]) if one.about else one.unit) for one in page_columns(group)]
 
 
-def rows_of(lines: Sequence[tuple[int, Results]], lineup: Lineup) -> list[Row]:
+def rows_of(lines: Sequence[tuple[int | None, Results]], lineup: Lineup) -> list[Row]:
     """Return the rows of ranked results."""
     group = [one for _, one in lines]
     columns, whisker = page_columns(group), whiskers(group)
@@ -77,8 +72,9 @@ def rows_of(lines: Sequence[tuple[int, Results]], lineup: Lineup) -> list[Row]:
     for rank, one in lines:
         module, _, name = one.solver.rpartition(":")
         more = ([module] if module else []) + [f"{name}={value}" for name, value in sorted(one.settings.items())]
-        place, cells = str(rank) if one.summary.scored else "-", [column.shown(one) for column in columns]
-        out.append(Row(place, name, more, lineup.looks.get(one.label), whisker(one), cells))
+        cells = [column.shown(one) for column in columns]
+        few = one.verdict.preliminary and one.summary.scored
+        out.append(Row(str(rank or "-"), name, more, lineup.looks.get(one.label), whisker(one), cells, few))
     return out
 
 

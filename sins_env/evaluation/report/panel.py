@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sins_env.evaluation.bound.bounds import Bound
+from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.report.svg import LOOKS, PAGE, inline
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show.style import STYLES, few_labels, new_figure
@@ -61,6 +62,11 @@ class Lineup:
     def bound(self) -> Bound | None:
         """Bound of the task; None if there is none."""
         return next((one.bound for one in self.lines if one.bound), None)
+
+    @property
+    def oracle(self) -> Records | None:
+        """Runs of the oracle with their histories; None if they are not known."""
+        return next((one.oracle for one in self.lines if one.oracle and one.oracle.history.shape[1]), None)
 
     @property
     def back_to_front(self) -> list[Results]:

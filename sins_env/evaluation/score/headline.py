@@ -17,7 +17,7 @@ from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.score.navigation import bound_means
 from sins_env.evaluation.score.quantities import quantity, run_errors
 from sins_env.evaluation.tasks.task import EvaluationTask
-from sins_env.units import DEG
+from sins_env.units import ARCSEC, DEG
 
 FAILURES = "failures"
 BOUNDS = (
@@ -48,16 +48,20 @@ def error_of_run(task: EvaluationTask, records: Records) -> Array:
     return at_end if by_failures(task) else over_time
 
 
-def cap_of(task: EvaluationTask, records: Records, bound: Bound | None) -> float:
-    """Return the error at which losses are capped; NaN if velocity or position have no bound.
+def cap_of(task: EvaluationTask, records: Records, bound: Bound | None, score: str | None = None) -> float:
+    """Return the error at which losses are capped; NaN if it is one of navigation without a bound.
 
-    It is the threshold of the azimuth, the error at which a hot start has failed, or in navigation three bounds.
+    It is the threshold of azimuth or level, the error at which a hot start has failed, or in navigation three bounds. ``score``
+    is the name of a quantity; None takes the score of the task.
     """
-    if by_failures(task):
+    if by_failures(task) and score is None:
         return (task.fail_azimuth_deg or task.delta_azimuth_deg) * DEG
+    name = score or headline(task)
     if records.criteria.navigates and bound:
-        return BOUNDS * bound_means(records, bound)[headline(task)]
-    return task.delta_azimuth_deg * DEG if headline(task) == "azimuth" else math.nan
+        return BOUNDS * bound_means(records, bound)[name]
+    if name == "azimuth":
+        return task.delta_azimuth_deg * DEG
+    return math.nan if records.criteria.navigates else task.delta_level_arcsec * ARCSEC
 
 
 def bound_of(task: EvaluationTask, records: Records, bound: Bound | None) -> float:

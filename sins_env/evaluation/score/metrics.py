@@ -18,7 +18,7 @@ from sins_env.evaluation.bound.bounds import Bound
 from sins_env.evaluation.play.criteria import NEES_AT, PHI
 from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.score import navigation
-from sins_env.evaluation.score.consistency import Nees, chi2_quantile, consistency
+from sins_env.evaluation.score.consistency import Nees, consistency
 from sins_env.evaluation.score.navigation import Navigation
 from sins_env.evaluation.score.resampling import (
     CONFIDENCE,
@@ -33,7 +33,6 @@ from sins_env.states import answered
 from sins_env.units import ARCSEC
 
 TOGETHER = 64  #: number of solvers that are resampled together, limited by memory
-BELOW = 1e-3  #: probability that an estimator at the bound is called below it
 
 
 def restricted_mean(times: Array, horizon: float) -> float:
@@ -62,19 +61,6 @@ def bound_ratios(records: Records, bound: Bound) -> dict[str, float]:
     rms = np.sqrt(np.square(records.steady_rms).mean(axis=0))
     with np.errstate(divide="ignore", invalid="ignore"):  # a bound of zero, which a file may hold
         return _by_axis(rms / bound.steady[PHI])
-
-
-def below_bound(records: Records, bound: Bound) -> bool | None:
-    """Return whether the azimuth error at T is smaller than the bound allows; None if the bound is only a reference.
-
-    The test takes one time and one axis, chosen beforehand. At the bound, the sum of squared errors over its variance is
-    chi-square. A value below the ``BELOW`` quantile points to knowledge of the motion, a leak of the truth, or a bug.
-    """
-    if not bound.holds:
-        return None
-    with np.errstate(divide="ignore", invalid="ignore"):
-        squares = float(np.square(records.final[:, 2] / bound.final[2]).sum())
-    return squares < float(chi2_quantile(BELOW, len(records)))
 
 
 def known_headings(records: Records) -> Array:

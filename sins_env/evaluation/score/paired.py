@@ -1,18 +1,20 @@
 """Paired comparison of two solvers on the same runs.
 
-Every solver meets the same noise, so the ratio of two scores is known better than either score. The intervals are:
+Every solver meets the same noise, so the ratio of two scores is known better than either score.
 
-- Ratio of RMS: BCa over pairs.
-- Success: Bonett and Price (2012), doi 10.3102/1076998611411915, which also holds if no run differs.
-- Probability of improvement: Wilson's score interval, which is conservative if runs tie.
+- Score: sign flips of the paired losses, p value and all ratios that are not rejected (exact.py).
+- Failed runs: McNemar, and the interval of Bonett and Price (2012), doi 10.3102/1076998611411915, also if no run differs.
+- Time to alignment: sign test of the paired times; runs in which both are censored, or aligned at the same time, are dropped.
+- Probability of the smaller error: Wilson's score interval, which is conservative if runs tie.
 - Median time: percentiles over pairs. BCa does not exist, for leaving out one run tells nothing about a median. A
   difference of two censored medians is unknown and widens the interval on both sides.
+
+Ratios of RMS with BCa intervals serve the reproduction of printed tables.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -22,9 +24,11 @@ from numpy.typing import NDArray
 
 from sins_env.arrays import Array, Mask
 from sins_env.evaluation.play.records import Records
-from sins_env.evaluation.score import quantities, resampling
+from sins_env.evaluation.score import exact, losses, quantities, resampling
+from sins_env.evaluation.score.headline import cap_of, error_of_run, headline
 from sins_env.evaluation.score.resampling import LEAST_RUNS, NO_INTERVAL, Estimate, Interval
 from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.score.verdicts import LEAST_INTERVAL, LEAST_VERDICT, Word, word_of
 
 
 @cache
@@ -37,41 +41,61 @@ def _quantile() -> float:
 
 @dataclass(frozen=True, repr=False)
 class Comparison:
-    """Comparison of solver ``a`` with solver ``b`` over their common runs; each number has its 95 % interval."""
+    """Comparison of solver ``a`` with solver ``b`` over their common runs; each estimate has its 95 % interval."""
 
     task: str
     a: str
     b: str
     runs: int  #: number of common runs
-    ratio: Estimate  #: RMS of a over RMS of b, for the quantity ``score``
-    ratio_at_end: Estimate  #: ratio of the RMS at T
-    success: Estimate  #: success rate of a minus that of b
+    ratio: Estimate  #: score of a over that of b, for the quantity ``score``; no interval below 20 runs
+    ratio_at_end: Estimate  #: the same for the errors at T
+    p: float  #: p value of equal scores
+    failed: tuple[int, int]  #: number of failed runs of a and of b
     failures: Estimate  #: share of failed runs of a minus that of b
+    p_failures: float  #: p value of equal shares of failed runs
+    success: Estimate  #: share of aligned runs of a minus that of b
     better: Estimate  #: probability that a has the smaller error over time in a run; ties count half
     median_s: Estimate  #: median time to alignment of a minus that of b, s; NaN if both are censored
+    p_time: float  #: p value of equal times to alignment
+    word: Word  #: outcome for ``a``
+    fragile: bool  #: whether one more run, in which the winner fails, would undo the win
+    capped: bool = True  #: whether errors are capped; without a cap nobody wins
     score: str = "azimuth"  #: name of the quantity that ``ratio`` and ``better`` compare
 
     @property
     def differ(self) -> bool:
-        """Whether the interval of the ratio excludes 1."""
-        return apart(self.runs, self.ratio[1])
+        """Whether one of the two wins."""
+        return self.word in ("wins", "loses")
+
+    @property
+    def verdict(self) -> str:
+        """Who wins and how sure that is, in words."""
+        if not self.capped:
+            return "no verdict (errors have no cap without a bound)"
+        if self.runs < LEAST_VERDICT:
+            few = f"fewer than {LEAST_VERDICT} runs"
+            return f"preliminary ({few})" if self.runs >= LEAST_INTERVAL else f"values alone ({few})"
+        if self.word == "equal":
+            return "equal within 2 %"
+        if not self.differ:
+            return f"not told apart (p {self.p:.2g})"
+        winner = self.a if self.word == "wins" else self.b
+        return f"{winner} wins (p {self.p:.2g}{', fragile: one more failed run would undo it' if self.fragile else ''})"
 
     def __repr__(self) -> str:
-        ratio = f"{self.score} RMS ratio {_text(self.ratio, '.3f')}"
-        return f"<Comparison of {self.a} with {self.b} on {self.task}: {self.runs} runs, {ratio}>"
+        return f"<Comparison of {self.a} with {self.b} on {self.task}: {self.runs} runs, {self.verdict}>"
 
     def __str__(self) -> str:
-        verdict = f"{self.a if self.ratio[0] < 1 else self.b} is more accurate" if self.differ else "not told apart"
-        if self.runs < LEAST_RUNS:
-            verdict += f" (fewer than {LEAST_RUNS} runs)"
+        failed = f"{self.failed[0]} against {self.failed[1]} of {self.runs}, p {self.p_failures:.2g}"
         lines = (
-            f"{self.a} against {self.b} on {self.task}, {self.runs} common run{'s' * (self.runs > 1)}: {verdict}",
-            f"  {f'{self.score} RMS, ratio':<26} {_text(self.ratio, '.3f')}",
+            f"{self.a} against {self.b} on {self.task}, {self.runs} common run{'s' * (self.runs > 1)}: {self.verdict}",
+            f"  {f'{self.score} score, ratio':<26} {_text(self.ratio, '.3f')}",
             f"  the same at the end        {_text(self.ratio_at_end, '.3f')}",
-            f"  success, difference        {_text(self.success, '+.1%')}",
+            f"  failed runs                {failed}",
             f"  failed runs, difference    {_text(self.failures, '+.1%')}",
+            f"  aligned runs, difference   {_text(self.success, '+.1%')}",
             f"  smaller error in a run     {_text(self.better, '.1%')}",
-            f"  median time, difference    {_text(self.median_s, '+.1f')} s",
+            f"  median time, difference    {_text(self.median_s, '+.1f')} s, p {self.p_time:.2g}",
         )
         return "\n".join(lines)
 
@@ -91,7 +115,7 @@ def compare(a: Results, b: Results, score: str | None = None) -> Comparison:
     """Compare solver ``a`` with solver ``b`` over the runs that both have.
 
     Args:
-        score: name of the quantity to compare (quantities.py); None takes the one that the task ranks by, or azimuth.
+        score: name of the quantity to compare (quantities.py); None takes the score of the task.
 
     Raises:
         ValueError: no such score, different tasks or suites, no common run, or a task without a truth.
@@ -103,24 +127,49 @@ def compare(a: Results, b: Results, score: str | None = None) -> Comparison:
         raise ValueError(f"{a.task.name} has no truth; allowed: tasks whose errors are scored")
     mine, its = common(a.records, b.records)
     x, y = a.records, b.records
+    name = headline(a.task) if score is None else score
+    over_time, at_end = zip(*(quantities.run_errors(r, name) for r in (x, y)), strict=True)
     if score is None:
-        score = a.task.rank_by if a.task.rank_by in quantities.allowed(x.criteria.navigates) else "azimuth"
-    (errors, at_end), (its_errors, its_end) = (quantities.run_errors(r, score) for r in (x, y))
-    pair = errors[mine], its_errors[its]
+        over_time = tuple(error_of_run(a.task, r) for r in (x, y))
+    cap = cap_of(a.task, x, a.bound or b.bound, score)
+    capped = not math.isnan(cap)
+    cap = cap if capped else math.inf
+    pair = over_time[0][mine], over_time[1][its]
+    (ratio, p), (ratio_at_end, _) = (
+        _of_losses(*(losses.capped(one, cap) for one in both)) for both in (pair, (at_end[0][mine], at_end[1][its]))
+    )
     times = x.aligned_s[mine], y.aligned_s[its]
+    failed = a.entry.failed[mine], b.entry.failed[its]
+    word: Word = "undecided"
+    if capped and len(mine) >= LEAST_VERDICT:
+        word = word_of(ratio, p <= exact.LEVEL, *exact.fails_more(*failed))
+    mine_lost, its_lost = (losses.capped(one, cap) for one in pair)
     return Comparison(
         task=a.task.name,
         a=a.label,
         b=b.label,
         runs=len(mine),
-        ratio=ratio_of_rms(*pair),
-        ratio_at_end=ratio_of_rms(at_end[mine], its_end[its]),
+        ratio=ratio,
+        ratio_at_end=ratio_at_end,
+        p=p,
+        failed=(int(failed[0].sum()), int(failed[1].sum())),
+        failures=difference_of_rates(*failed),
+        p_failures=exact.mcnemar(*failed),
         success=difference_of_rates(*(np.isfinite(one) for one in times)),
-        failures=difference_of_rates(x.failed[mine], y.failed[its]),
         better=probability_of_less(*pair),
         median_s=difference_of_medians(*times),
-        score=score,
+        p_time=exact.sign_test(*times),
+        word=word,
+        fragile=word in ("wins", "loses") and exact.fragile(mine_lost, its_lost, cap),
+        capped=capped,
+        score=name,
     )
+
+
+def _of_losses(a: Array, b: Array) -> tuple[Estimate, float]:
+    """Return the ratio of the scores of paired losses, and the p value of equal ones."""
+    ((p, ratio),) = exact.against(a[:, None], b, exact.LEVEL if len(a) >= LEAST_INTERVAL else None)
+    return ratio, p
 
 
 def common(a: Records, b: Records) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -208,36 +257,3 @@ def difference_of_medians(a: Array, b: Array) -> Estimate:
 def _minus(a: Any, b: Any, both_censored: float) -> Any:
     with np.errstate(invalid="ignore"):
         return np.where(np.isinf(a) & np.isinf(b), both_censored, np.subtract(a, b))
-
-
-class Pairing:
-    """Pairwise comparison of the solvers of one task, with one resampling for all that have the same runs.
-
-    Args:
-        results: results of the solvers.
-        errors: for each solver, the RMS of each of its runs (R,).
-        intervals: for each solver, the interval of its RMS, used for pairs without a common run.
-    """
-
-    def __init__(self, results: Sequence[Results], errors: Sequence[Array], intervals: Sequence[Interval]) -> None:
-        self._runs = [one.records.run for one in results]
-        self._errors, self._intervals = errors, intervals
-        runs = [one.tobytes() for one in self._runs]
-        usual = max(runs, key=runs.count, default=b"")
-        self._place = {i: j for j, i in enumerate(i for i, one in enumerate(runs) if one == usual)}
-        if self._place:
-            squares = np.stack([np.square(errors[i]) for i in self._place], axis=1)
-            self._units = resampling.units_of(squares)
-            self._drawn = resampling.resampled(self._units)
-
-    def apart(self, i: int, j: int) -> bool:
-        """Return whether solvers i and j differ in their common runs; without one, whether their intervals are disjoint."""
-        if i in self._place and j in self._place:
-            p, q = ([self._place[k]] for k in (i, j))
-            found = _ratio(self._units[:, p], self._units[:, q], self._drawn[:, p], self._drawn[:, q])
-            return apart(len(self._runs[i]), found[1])
-        both, mine, its = np.intersect1d(self._runs[i], self._runs[j], assume_unique=True, return_indices=True)
-        if len(both):
-            return apart(len(both), ratio_of_rms(self._errors[i][mine], self._errors[j][its])[1])
-        one, other = self._intervals[i], self._intervals[j]
-        return one[1] < other[0] or other[1] < one[0]

@@ -14,20 +14,19 @@ from sins_env.arrays import Array
 from sins_env.evaluation.bound import bounds
 from sins_env.evaluation.bound.bounds import Bound
 from sins_env.evaluation.play.records import Records
-from sins_env.evaluation.score.headline import bound_of, cap_of, error_of_run, failed_runs, headline, shown_headline
-from sins_env.evaluation.score.metrics import Summary, below_bound, bound_ratios, summaries
+from sins_env.evaluation.score.headline import bound_of, cap_of, error_of_run, failed_runs, headline
+from sins_env.evaluation.score.metrics import Summary, bound_ratios, summaries
 from sins_env.evaluation.score.navigation import bound_means
-from sins_env.evaluation.score.quantities import QUANTITIES
+from sins_env.evaluation.score.quantities import quantity
 from sins_env.evaluation.score.repeatability import Repeatability, repeatability
 from sins_env.evaluation.score.resampling import NO_INTERVAL, Interval
 from sins_env.evaluation.score.verdicts import Entry, Measure, Verdict, judge
 from sins_env.evaluation.speed.cost import Cost
 from sins_env.evaluation.tasks.task import EvaluationTask
-from sins_env.units import DEG
 
 
 class MainScore(NamedTuple):
-    """Error that a task is about, with its 95 % interval and its bound, in a unit for readers."""
+    """Score of a solver with its 95 % interval and its bound, in a unit for readers."""
 
     name: str
     unit: str
@@ -73,11 +72,10 @@ class Results:
     @cached_property
     def entry(self) -> Entry:
         """The runs as they are judged."""
-        records = self.records
-        error = error_of_run(self.task, records)
-        return Entry(
-            records.run, error, failed_runs(self.task, records, self.measure.cap), records.aligned_s, self._luck()
-        )
+        records, unknown = self.records, np.full(len(self.records), np.nan)
+        failed, scored = failed_runs(self.task, records, self.measure.cap), records.criteria.scored
+        error = error_of_run(self.task, records) if scored else unknown
+        return Entry(records.run, error, failed, records.aligned_s if scored else unknown, self._luck())
 
     def _luck(self) -> Array | None:
         """Return the squared errors of the oracle in these runs, (R,); None if any is not known."""
@@ -120,18 +118,11 @@ class Results:
 
     @property
     def main_score(self) -> MainScore:
-        """Score that tables show first and figures draw: azimuth RMS, or in navigation ARMSE of the headline."""
-        s = self.summary
-        if s.navigation is None:
-            low, high = s.rms_ci["U"]
-            bound = float(self.bound.steady[2] / DEG) if self.bound else math.nan
-            return MainScore("azimuth RMS", "deg", s.rms["U"] / 3600, (low / 3600, high / 3600), bound)
-        name = shown_headline(self.task)
-        quantity = QUANTITIES[name]
-        value, (low, high) = s.navigation.armse[name]
-        bound = self.bound_means.get(name, math.nan) / quantity.unit
-        interval = low / quantity.unit, high / quantity.unit
-        return MainScore(f"{quantity.name} error", quantity.unit_name, value / quantity.unit, interval, bound)
+        """Score that tables show first and figures draw, in deg, m/s or m."""
+        one, (low, high) = quantity(headline(self.task), self.records.criteria.navigates), self.verdict.score_ci
+        interval = low / one.unit, high / one.unit
+        name = f"score of the {one.name}"
+        return MainScore(name, one.unit_name, self.verdict.score / one.unit, interval, self.measure.bound / one.unit)
 
     @property
     def spread(self) -> Repeatability:
@@ -148,7 +139,7 @@ class Results:
     @cached_property
     def below_bound(self) -> bool | None:
         """Whether the solver is better than the bound allows; None if there is no bound or it is only a reference."""
-        return below_bound(self.records, self.bound) if self.bound else None
+        return self.verdict.below_bound
 
     @property
     def label(self) -> str:

@@ -173,11 +173,12 @@ def _scores(entries: Sequence[Entry], measure: Measure) -> list[dict[str, Any]]:
         )
     out: list[dict[str, Any]] = []
     for i, root in enumerate(roots):
-        found: dict[str, Any] = {"score": root.value, "score_ci": root.interval() if enough else NO_INTERVAL}
+        ends = root.interval(most=measure.cap) if enough else NO_INTERVAL
+        found: dict[str, Any] = {"score": root.value, "score_ci": ends}
         if bounded:
             found |= {
                 "x_bound": over[i].value,
-                "x_bound_ci": over[i].interval() if enough else NO_INTERVAL,
+                "x_bound_ci": over[i].interval(most=measure.cap / measure.bound) if enough else NO_INTERVAL,
                 "adjusted": oracle is not None,
                 "below_bound": over[i].interval(BELOW_CONFIDENCE)[1] < BELOW if measure.holds else None,
             }

@@ -6,17 +6,23 @@ import math
 from typing import NamedTuple
 
 from sins_env.evaluation.score.consistency import Nees
+from sins_env.evaluation.score.headline import headline
 from sins_env.evaluation.score.metrics import Summary
-from sins_env.evaluation.score.resampling import Estimate
+from sins_env.evaluation.score.quantities import QUANTITIES
+from sins_env.evaluation.score.resampling import Estimate, Interval
 from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.score.verdicts import LEAST_INTERVAL
 from sins_env.evaluation.show.numbers import (
     angle_interval_text,
     angle_text,
     interval_text,
     number_text,
+    p_text,
+    percent_interval_text,
     seconds_interval_text,
     seconds_text,
 )
+from sins_env.units import ARCSEC
 
 
 class Cell(NamedTuple):
@@ -28,31 +34,69 @@ class Cell(NamedTuple):
     mark: str = ""  #: "good", "fair", "bad", "none" for a value without interest, or empty
 
 
-def runs(one: Results) -> Cell:
-    """Return the number of runs."""
-    return Cell(str(one.summary.runs))
-
-
-def success(one: Results) -> Cell:
-    """Return the share of aligned runs."""
-    return Cell(success_text(one.summary))
+def failed(one: Results) -> Cell:
+    """Return the number of failed runs of all, with the interval of their share."""
+    told = one.verdict
+    mark = "bad" if told.failures else "none"
+    return Cell(f"{told.failures} of {told.runs}", percent_interval_text(told.failed_ci), mark=mark)
 
 
 def aligned(one: Results) -> Cell:
-    """Return the share of aligned runs, with the number of runs."""
-    s = one.summary
-    mark = "" if not s.scored else "good" if s.success >= 0.95 else "fair" if s.success >= 0.5 else "bad"
-    return Cell(success_text(s), f"of {s.runs}", mark=mark)
+    """Return the share of aligned runs, with its interval."""
+    told = one.verdict
+    mark = (
+        "" if math.isnan(told.aligned) else "good" if told.aligned >= 0.95 else "fair" if told.aligned >= 0.5 else "bad"
+    )
+    return Cell(aligned_text(one), percent_interval_text(told.aligned_ci), mark=mark)
 
 
-def success_text(s: Summary) -> str:
+def aligned_text(one: Results) -> str:
     """Return the share of aligned runs in whole per cent; '-' if errors are not scored."""
-    return f"{100 * s.success:.0f} %" if s.scored else "-"
+    return "-" if math.isnan(one.verdict.aligned) else f"{100 * one.verdict.aligned:.0f} %"
 
 
 def median_time(one: Results) -> Cell:
     """Return the median time to alignment, s, with its interval."""
-    return Cell(seconds_text(one.summary.t_conv_median_s), seconds_interval_text(one.summary.t_conv_ci_s))
+    return Cell(seconds_text(one.verdict.time_s), seconds_interval_text(one.verdict.time_s_ci))
+
+
+def score(one: Results) -> Cell:
+    """Return the score with its interval."""
+    return _of_error(one, one.verdict.score, one.verdict.score_ci)
+
+
+def median(one: Results) -> Cell:
+    """Return the median error of a run with its interval."""
+    return _of_error(one, one.verdict.median, one.verdict.median_ci)
+
+
+def _of_error(one: Results, value: float, interval: Interval) -> Cell:
+    """Return an error of the headline in rad, m/s or m as a cell with the unit of its quantity."""
+    quantity = QUANTITIES[headline(one.task)]
+    if not one.records.criteria.navigates:
+        shown = with_interval((value / ARCSEC, (interval[0] / ARCSEC, interval[1] / ARCSEC)), "arcsec")
+        known = math.isfinite(value) and not shown.value.endswith("°")
+        return shown._replace(value=f'{shown.value}"') if known else shown
+    scaled = value / quantity.unit, (interval[0] / quantity.unit, interval[1] / quantity.unit)
+    shown = with_interval(scaled, quantity.unit_name)
+    return shown._replace(value=f"{shown.value} {quantity.unit_name}") if math.isfinite(value) else shown
+
+
+def against(one: Results) -> Cell:
+    """Return the score over that of the yardstick in common runs, with its interval."""
+    return Cell(number_text(one.verdict.ratio), interval_text(one.verdict.ratio_ci))
+
+
+def verdict(one: Results) -> Cell:
+    """Return who wins, the solver or the yardstick, and how sure that is."""
+    told = one.verdict
+    if told.word is not None and told.p_adjusted is not None:
+        mark = {"wins": "good", "loses": "bad"}.get(told.word, "none")
+        text = f"{'open' if told.word == 'undecided' else told.word}, {p_text(told.p_adjusted)}"
+        return Cell(text + (", fragile" if told.fragile else ""), mark=mark)
+    if told.preliminary and told.capped:
+        return Cell("preliminary" if told.runs >= LEAST_INTERVAL else "few runs", mark="none")
+    return Cell("-", mark="none")
 
 
 def with_interval(value: Estimate, unit: str) -> Cell:
@@ -64,11 +108,12 @@ def with_interval(value: Estimate, unit: str) -> Cell:
     )
 
 
-def bound_ratio(one: Results) -> Cell:
-    """Return the main score over its bound, in brackets if the bound is only a reference."""
-    text = number_text(one.headline_ratio)
-    shown = f"({text})" if one.bound and not one.bound.holds else text
-    return Cell(shown, note="below", mark="bad") if one.below_bound else Cell(shown)
+def x_bound(one: Results) -> Cell:
+    """Return the score over the bound with its interval, in brackets if the bound is only a reference."""
+    told = one.verdict
+    text = number_text(told.x_bound)
+    shown = Cell(text if one.measure.holds else f"({text})", interval_text(told.x_bound_ci))
+    return shown._replace(note="below", mark="bad") if one.below_bound else shown
 
 
 def consistency(found: tuple[Nees, ...], dof: int) -> Cell:
@@ -78,11 +123,6 @@ def consistency(found: tuple[Nees, ...], dof: int) -> Cell:
     last = found[-1]
     text = "inf" if math.isinf(last.mean) else number_text(last.mean / dof)
     return Cell(text, mark="good") if last.inside else Cell(text, note="outside", mark="fair")
-
-
-def failures(one: Results) -> Cell:
-    """Return the number of failed runs by kind of failure."""
-    return Cell(failure_text(one.summary), mark="bad" if one.summary.failures else "none")
 
 
 def failure_text(summary: Summary) -> str:

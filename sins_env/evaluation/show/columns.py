@@ -14,7 +14,7 @@ from enum import IntEnum
 from typing import Any
 
 from sins_env.evaluation.score.consistency import Nees
-from sins_env.evaluation.score.headline import by_failures, headline, shown_headline
+from sins_env.evaluation.score.headline import headline
 from sins_env.evaluation.score.navigation import Navigation
 from sins_env.evaluation.score.quantities import QUANTITIES
 from sins_env.evaluation.score.ranking import failure_rate
@@ -23,6 +23,7 @@ from sins_env.evaluation.score.resampling import Estimate
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show import cells
 from sins_env.evaluation.show.cells import Cell
+from sins_env.evaluation.speed.cost import YARDSTICK
 from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.states import ATTITUDE, NAVIGATION
 
@@ -30,15 +31,17 @@ from sins_env.states import ATTITUDE, NAVIGATION
 class Slot(IntEnum):
     """Slot of a column in a table, from left to right; columns of one slot keep their order in the list."""
 
-    RUNS = 0
-    TIME = 1
-    RANKING = 2
-    ERRORS = 3
-    BOUND = 4
-    CONSISTENCY = 5
-    FAILURES = 6
-    COST = 7
-    SPREAD = 8
+    FAILURES = 0
+    SCORE = 1
+    BOUND = 2
+    TYPICAL = 3
+    PAIR = 4
+    TIME = 5
+    COST = 6
+    ALIGNED = 7
+    CONSISTENCY = 8
+    ERRORS = 9
+    SPREAD = 10
 
 
 TABLE_FORMS = TERMINAL, MARKDOWN, PAGE = "terminal", "Markdown", "page"
@@ -64,7 +67,6 @@ class Column:
     known: Callable[[Results], bool] = lambda one: True  #: a table has the column if this holds for any of its solvers
     #: Whether this is the score that the task is about, which is always shown with its interval.
     main: Callable[[EvaluationTask], bool] = lambda task: False
-    ranks: Callable[[EvaluationTask], bool] = lambda task: False  #: whether it ranks besides; if so, it is always shown
     drop: int = 0  #: order in which a narrow terminal leaves columns out, from 1; 0 is never left out
     part: str = ""  #: name in the line that lists what was left out; columns of one part are left out together
     intervals: str = ""  #: name of the intervals that go before any column does; empty if this one's intervals stay
@@ -83,7 +85,7 @@ class Column:
 
     def stays(self, task: EvaluationTask) -> bool:
         """Return whether a table of the task keeps the column at any width."""
-        return not self.drop or self.main(task) or self.ranks(task)
+        return not self.drop or self.main(task)
 
 
 def table_columns(group: Sequence[Results], form: str) -> list[Column]:
@@ -132,7 +134,7 @@ def estimate(key: str, title: str, unit: str, value: Callable[[Results], Estimat
 
     name = f"{key}_{word(unit)}" if unit else key
     usual: dict[str, Any] = {
-        "cell": lambda one: cells.with_interval(value(one), unit), "drop": 9, "part": title, "intervals": "the other errors",
+        "cell": lambda one: cells.with_interval(value(one), unit), "drop": 12, "part": title, "intervals": "the other errors",
         "csv": (name, f"{key}_low", f"{key}_high"), "figures": figures, "json": json,
     }  # fmt: skip
     return Column(key, title, unit, **{**usual, **more})
@@ -147,14 +149,14 @@ def _rms(axis: str, name: str, **more: Any) -> Column:
         return {"rms": {axis: finite(rms)}, "rms_ci": {axis: [finite(end) for end in ends]}}
 
     key = f"rms_{axis.lower()}"
-    return estimate(key, f"{name} RMS", "arcsec", value, navigates=False, json=json, **more)
+    return estimate(key, f"{name} RMS", "arcsec", value, navigates=False, known=scored, json=json, **more)
 
 
 #: Navigation errors that tables show, each with its ``drop`` and its ``part``.
 _SHOWN = {
-    "azimuth": (9, "the other errors"), "level": (6, "level"),
-    "position_h": (9, "the other errors"), "position_v": (3, "vertical errors"),
-    "velocity_h": (7, "velocity"), "velocity_v": (3, "vertical errors"),
+    "azimuth": (5, "heading"), "level": (2, "level"),
+    "position_h": (5, "position"), "position_v": (1, "vertical errors"),
+    "velocity_h": (3, "velocity"), "velocity_v": (1, "vertical errors"),
 }  # fmt: skip
 
 
@@ -173,7 +175,7 @@ def _armse(name: str) -> Column:
     drop, part = _SHOWN.get(name, (0, ""))
     return estimate(
         f"armse_{name}", quantity.name, quantity.unit_name, value, navigates=True, drop=drop, part=part, json=json,
-        main=lambda task: name == shown_headline(task), tables=TABLE_FORMS if name in _SHOWN else (),
+        tables=TABLE_FORMS if name in _SHOWN else (),
     )  # fmt: skip
 
 
@@ -200,11 +202,53 @@ def _median_heading(one: Results) -> Estimate:
     return math.degrees(value), (math.degrees(low), math.degrees(high))
 
 
-def _bound(title: str, about: Callable[[Results], str], **more: Any) -> Column:
-    return Column(
-        "bound_ratio", title, "", Slot.BOUND, cells.bound_ratio, about=about, drop=5, part="bound",
-        known=lambda one: one.bound is not None, json=lambda one: {"bound_ratio": finite(one.headline_ratio)}, **more,
-    )  # fmt: skip
+def _told(key: str, title: str, slot: Slot, cell: Callable[[Results], Cell], **more: Any) -> Column:
+    """Make the column of a figure of the verdict, whose interval has the same name with ``_ci``."""
+
+    def figures(one: Results) -> tuple[float, ...]:
+        return (getattr(one.verdict, key), *getattr(one.verdict, f"{key}_ci"))
+
+    def json(one: Results) -> dict[str, Any]:
+        found, *ends = figures(one)
+        return {key: finite(found), f"{key}_ci": [finite(end) for end in ends]}
+
+    usual: dict[str, Any] = {
+        "part": title, "known": scored, "csv": (key, f"{key}_low", f"{key}_high"), "figures": figures, "json": json,
+    }  # fmt: skip
+    return Column(key, title, slot=slot, cell=cell, **{**usual, **more})
+
+
+def scored(one: Results) -> bool:
+    """Return whether the errors of a solver are scored."""
+    return one.summary.scored
+
+
+def scoring(one: Results) -> int:
+    """Return the version of the scoring: 1 if the errors are scored, but not capped, because the rows lack a bound or the error."""
+    return 2 if one.verdict.capped or not one.summary.scored else 1
+
+
+#: Figures of the comparison in CSV and JSON, with their names in the verdict.
+_PAIR = {"common": "common", "p": "p", "p_adjusted": "p_adjusted", "verdict": "word", "fragile": "fragile",
+         "preliminary": "preliminary", "rank": "rank", "beaten_by": "beaten_by"}  # fmt: skip
+
+
+def _pair_json(one: Results) -> dict[str, Any]:
+    told = {name: getattr(one.verdict, field) for name, field in _PAIR.items()}
+    return {
+        **told,
+        "below_bound": one.verdict.below_bound,
+        "rms_raw": finite(one.verdict.rms_raw),
+        "scoring": scoring(one),
+    }
+
+
+def _pair_figures(one: Results) -> list[Any]:
+    found = _pair_json(one)
+    return [found[name] for name in _PAIR_CSV]
+
+
+_PAIR_CSV = (*(name for name in _PAIR if name != "rank"), "rms_raw", "scoring")
 
 
 def _bound_figures(one: Results) -> tuple[Any, ...]:
@@ -231,28 +275,41 @@ _COUNTS = ("diverged", "frozen", "raised", "lost", "repaired")
 
 #: Every score column, in the order of CSV and JSON.
 COLUMNS: list[Column] = [
-    Column(
-        "runs", "runs", "", Slot.RUNS, cells.runs, tables=(MARKDOWN,),
-        csv=("runs",), figures=lambda one: (one.summary.runs,), json=lambda one: {"runs": one.summary.runs},
+    _told("failed", "failed", Slot.FAILURES, cells.failed, known=lambda one: True),
+    _told("aligned", "aligned", Slot.ALIGNED, cells.aligned, drop=4, intervals="aligned"),
+    _told(
+        "score", "score", Slot.SCORE, cells.score, main=lambda task: True,
+        about=lambda one: QUANTITIES[headline(one.task)].name if one.records.criteria.navigates else "azimuth",
+    ),
+    _told("median", "median", Slot.TYPICAL, cells.median, drop=9, intervals="median"),
+    _told("time_s", "time", Slot.TIME, cells.median_time, unit="s", navigates=False, drop=8, intervals="time"),
+    _told("x_bound", "x bound", Slot.BOUND, cells.x_bound, drop=10, known=lambda one: one.bound is not None),
+    _told(
+        "ratio", f"score / {YARDSTICK}", Slot.PAIR, cells.against, part="ratio", drop=6, intervals="ratio",
+        known=lambda one: math.isfinite(one.verdict.ratio), csv=("ratio", "ratio_low", "ratio_high"),
     ),
     Column(
-        "success", "aligned", "", Slot.RUNS, cells.success, tables=(MARKDOWN,), csv=("success",),
-        figures=lambda one: (one.summary.success,), json=lambda one: {"success": finite(one.summary.success)},
+        "verdict", f"against {YARDSTICK}", "", Slot.PAIR, cells.verdict, drop=11, part="verdict", csv=_PAIR_CSV,
+        figures=_pair_figures, json=_pair_json,
+        known=lambda one: one.verdict.capped,
     ),
-    Column("aligned", "runs aligned", "", Slot.RUNS, cells.aligned, tables=(TERMINAL, PAGE)),
+    Column("runs", csv=("runs",), figures=lambda one: (one.summary.runs,), json=lambda one: {"runs": one.summary.runs}),
     Column(
-        "t_conv_median", "median time", "s", Slot.TIME, cells.median_time, navigates=False, drop=6, part="median time",
+        "success", csv=("success",), figures=lambda one: (one.summary.success,),
+        json=lambda one: {"success": finite(one.summary.success)},
+    ),
+    Column(
+        "t_conv_median", navigates=False,
         csv=("t_conv_median_s", "t_conv_low_s", "t_conv_high_s", "t_conv_restricted_mean_s"), figures=_times,
         json=lambda one: {"t_conv_median_s": finite(one.summary.t_conv_median_s)},
     ),
     _rms("E", "east", drop=3, part="east and north", intervals="east and north"),
     _rms("N", "north", drop=3, part="east and north", intervals="east and north"),
-    _rms("U", "azimuth", slot=Slot.RANKING, main=lambda task: True),
-    _bound(
-        "RMS / bound", lambda one: "azimuth", navigates=False, figures=_bound_figures,
+    _rms("U", "azimuth", tables=()),
+    Column(
+        "bound_ratio", json=lambda one: {"bound_ratio": finite(one.headline_ratio)}, figures=_bound_figures,
         csv=("bound_ratio_e", "bound_ratio_n", "bound_ratio_u", "bound_holds", "below_bound"),
     ),
-    _bound("error / bound", lambda one: QUANTITIES[headline(one.task)].name, navigates=True),
     _nees("nees", ATTITUDE.size, lambda one: one.summary.nees, navigates=False),
     Column(
         "spread", "heading spread", "°", Slot.SPREAD, cells.spread, markdown="spread, deg",
@@ -260,26 +317,19 @@ COLUMNS: list[Column] = [
         figures=lambda one: (one.spread.deg, one.spread.runs),
     ),
     Column(
-        "failures", "failed", "", Slot.FAILURES, cells.failures, about=lambda one: "runs", markdown="failures",
-        ranks=by_failures, drop=8, part="failures", csv=_COUNTS,
-        figures=lambda one: [one.summary.counts[name] for name in _COUNTS],
+        "failures", csv=_COUNTS, figures=lambda one: [one.summary.counts[name] for name in _COUNTS],
         json=lambda one: {"failures": one.summary.failures},
     ),
     Column("fallbacks", csv=("fallbacks",), figures=lambda one: (one.summary.fallbacks,)),
     Column(
-        "cost", "cost / ckf", "", Slot.COST, cells.cost, drop=2, part="cost",
+        "cost", f"cost / {YARDSTICK}", "", Slot.COST, cells.cost, drop=7, part="cost",
         csv=("cost_us", "cost_p95_us", "cost_ratio"), figures=lambda one: one.cost or (None,) * 3,
         json=lambda one: {"cost_ratio": one.cost.ratio if one.cost else None},
     ),
     *map(_armse, QUANTITIES),
     *map(_rms_of_span, QUANTITIES),
     *map(_over_bound, QUANTITIES),
-    estimate(
-        "median_heading", "median heading at the end", "deg", _median_heading, slot=Slot.RANKING, navigates=True,
-        known=lambda one: by_failures(one.task), ranks=by_failures, csv=("median_heading_deg",),
-        figures=lambda one: _median_heading(one)[:1],
-        json=lambda one: {"median_heading_deg": finite(_median_heading(one)[0])},
-    ),
+    _figure("median_heading_deg", lambda one: _median_heading(one)[0], json=True),
     _figure("failure_rate", failure_rate, json=True),
     _nees("nees_all", NAVIGATION.size, lambda one: one.summary.nees_of_all, navigates=True),
 ]  # fmt: skip

@@ -17,6 +17,7 @@ from sins_env.evaluation.show.style import (
     bound_style,
     finish,
     new_figure,
+    oracle_style,
     say_unscored,
     shade_coarse,
     style,
@@ -93,6 +94,10 @@ def _over_time(axes: Axes, curve: _Curve, lines: Sequence[Results], colours: Map
     if bound and max(curve.parts) < bound.sigma.shape[1]:
         sigma = size_of(bound.sigma[:, curve.parts], curve.of_component) / curve.unit
         axes.plot(bound.t, sigma, **bound_style(bound))
+    oracle = next((one.oracle for one in lines if one.oracle and one.oracle.history.shape[1]), None)
+    if oracle:
+        size = size_of(oracle.history[:, :, curve.parts], curve.of_component)
+        axes.plot(criteria.history_t, error_curve(size, curve.unit, 1)[0], **oracle_style())
     finish(axes, curve.title, xlabel="time, s", ylabel=curve.unit_name, yscale="log")
     axes.set_xlim(0, criteria.duration_s)
     if curve.parts[0] < 3:

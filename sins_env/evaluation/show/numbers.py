@@ -27,8 +27,20 @@ def seconds_text(value: float) -> str:
 
 
 def seconds_interval_text(ci: Interval) -> str:
-    """Return an interval such as '115–147'; empty if it is unknown, unbounded below or a point."""
-    return "" if not math.isfinite(ci[0]) or ci[0] == ci[1] else f"{seconds_text(ci[0])}–{seconds_text(ci[1])}"
+    """Return an interval such as '115–147', or '> 115'; empty if it is unknown, unbounded below or a point."""
+    if not math.isfinite(ci[0]) or ci[0] == ci[1]:
+        return ""
+    return f"> {seconds_text(ci[0])}" if math.isinf(ci[1]) else f"{seconds_text(ci[0])}–{seconds_text(ci[1])}"
+
+
+def percent_interval_text(ci: Interval) -> str:
+    """Return an interval of shares such as '0.3–4.3 %'; empty if it is unknown."""
+    return "" if math.isnan(ci[0]) else "–".join(f"{100 * end:.{1 if 0 < end < 0.0995 else 0}f}" for end in ci) + " %"
+
+
+def p_text(p: float) -> str:
+    """Return a p value such as 'p 0.0012'."""
+    return f"p {p:.2g}" if p >= 1e-4 else "p < 1e-4"
 
 
 def angle_text(arcsec: float) -> str:

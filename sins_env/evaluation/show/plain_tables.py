@@ -44,7 +44,7 @@ def as_csv(results: Iterable[Results]) -> str:
     for (task, suite), group in by_task(given).items():
         for rank, one in ranked(group):
             settings = json.dumps(dict(one.settings), sort_keys=True)
-            row = [task, suite, rank if one.summary.scored else "", one.solver, settings]
+            row = [task, suite, rank or "", one.solver, settings]
             for column in wanted:
                 row += column.figures(one) if column.holds(one) else [""] * len(column.csv)
             writer.writerow(["" if isinstance(value, float) and math.isnan(value) else in_csv(value) for value in row])
@@ -55,13 +55,14 @@ def as_markdown(results: Iterable[Results]) -> str:
     """A table per task."""
     parts = []
     for (name, _), group in by_task(results).items():
-        lines, wanted = ranked(group), columns.table_columns(group, MARKDOWN)
+        lines = ranked(group)
+        wanted = columns.table_columns([one for _, one in lines], MARKDOWN)
         rows = [["#", "solver", *map(_heading, wanted)], ["---:", "---", *["---:"] * len(wanted)]]
         for rank, one in lines:
             cells = [_inline(column.shown(one)) for column in wanted]
-            rows.append([str(rank) if one.summary.scored else "-", one.label, *cells])
+            rows.append([str(rank or "-"), one.label, *cells])
         body = "\n".join("| " + " | ".join(map(in_markdown, row)) + " |" for row in rows)
-        what, notes = in_markdown(group[0].task.what), in_markdown(footer(group))
+        what, notes = in_markdown(group[0].task.what), in_markdown(footer([one for _, one in lines]))
         parts.append(f"### {in_markdown(name)}\n\n{what}\n\n{body}\n\n{notes}\n")
     return "\n".join(parts)
 

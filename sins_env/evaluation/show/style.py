@@ -77,6 +77,12 @@ def bound_style(bound: Bound, name: str = "Cramér-Rao bound") -> dict[str, Any]
     return {"label": f"{name}, a reference only", "linestyle": (0, (4, 3)), **line}
 
 
+def oracle_style() -> dict[str, Any]:
+    """Return the line style of the oracle, which shows the luck of the runs beside the bound."""
+    dash = (0, (6, 2, 1.5, 2))
+    return {"label": "oracle in the same runs", "color": "black", "linewidth": 1.1, "linestyle": dash, "zorder": 3}
+
+
 def say_unscored(axes: Axes) -> None:
     """Write into the axes that errors are not scored."""
     axes.text(0.5, 0.5, NO_REFERENCE, transform=axes.transAxes, ha="center", va="center", fontsize=9, color="0.35")

@@ -38,7 +38,7 @@ def table(results: Sequence[Results], width: int = 100) -> RenderableType:
     names of solvers fold at '.' and ':'. Then columns are left out, and the lines below the table list them.
     """
     task, lines = results[0].task, ranked(results)
-    columns = table_columns(results, TERMINAL)
+    columns = table_columns([one for _, one in lines], TERMINAL)
     cells = [[column.shown(one) for _, one in lines] for column in columns]
     order = dropping(columns, task)
     for count in range(len(order) + 1):
@@ -52,7 +52,7 @@ def table(results: Sequence[Results], width: int = 100) -> RenderableType:
         if room >= max(longest_piece(one) for _, one in lines):
             break
     title = Text.assemble((task.name, "bold"), f"  {task.what}")
-    notes = footer(results)
+    notes = footer([one for _, one in lines])
     if less:
         gone = {_INTERVALS + part for part in less}  # intervals of what is left out itself
         left_out = ", ".join(part for part in less if part not in gone)
@@ -92,7 +92,7 @@ def _text(cell: Cell, interval: bool) -> Text:
 
 
 def _table(
-    lines: Sequence[tuple[int, Results]], columns: Sequence[tuple[str, list[Text]]], width: int
+    lines: Sequence[tuple[int | None, Results]], columns: Sequence[tuple[str, list[Text]]], width: int
 ) -> tuple[Table, int]:
     """Return the table, and the width that it leaves for the names of solvers.
 
@@ -121,7 +121,7 @@ def _table(
     room = width - (whole - name)
     fits = max(min(room, MOST_NAME), 1)
     return build(
-        [[_place(*line), label(line[1], line[0], fits), *row] for line, row in zip(lines, cells, strict=True)]
+        [[_place(line[0]), label(line[1], line[0], fits), *row] for line, row in zip(lines, cells, strict=True)]
     ), room
 
 
@@ -144,18 +144,18 @@ def _width(cell: Text) -> int:
     return max(cell_len(line) for line in str(cell).split("\n"))
 
 
-def _place(rank: int, one: Results) -> Text:
-    return Text(str(rank) if one.summary.scored else "-", style="bold green" if _wins(rank, one) else "")
+def _place(rank: int | None) -> Text:
+    return Text(str(rank or "-"), style="bold green" if rank == 1 else "")
 
 
-def _wins(rank: int, one: Results) -> bool:
-    return rank == 1 and one.summary.scored
+def label(one: Results, rank: int | None, room: int) -> Text:
+    """Return name, module and settings of a solver, folded at '.' and ':' to lines of ``room`` characters.
 
-
-def label(one: Results, rank: int, room: int) -> Text:
-    """Return name, module and settings of a solver, folded at '.' and ':' to lines of ``room`` characters."""
+    The best are bold, and those with too few runs for a rank are dim.
+    """
     module, _, name = one.solver.rpartition(":")
-    text = Text("\n".join(_folded(name, room)), style="bold" if _wins(rank, one) else "")
+    style = "bold" if rank == 1 else "dim" if one.verdict.preliminary else ""
+    text = Text("\n".join(_folded(name, room)), style=style)
     for part in ([module] if module else []) + _settings(one):
         text.append("\n" + "\n".join(_folded(part, room)), style="dim")
     return text

@@ -178,27 +178,43 @@ def solver(name, sizes, **task):
 
 def test_the_task_says_what_ranks():
     rng = np.random.default_rng(4)
-    common = rng.normal(size=30)
+    common = rng.normal(size=200)
     good = {"pos_n": 1.0 * common, "heading": 0.02 * common, "phi_u": 0.02 * common}
     bad = {"pos_n": 3.0 * common, "heading": 0.01 * common, "phi_u": 0.01 * common}
     for rank_by, first in (("position", "good"), ("azimuth", "bad")):
-        lines = ranking.ranked([solver("bad", bad, rank_by=rank_by), solver("good", good, rank_by=rank_by)])
+        lines = ranking.ranked(
+            [bounded(solver(name, sizes, rank_by=rank_by)) for name, sizes in (("bad", bad), ("good", good))]
+        )
         assert [rank for rank, _ in lines] == [1, 2]
+        assert lines[0][1].measure.cap == pytest.approx(3.0 * {"position": math.sqrt(3.0), "azimuth": 1.0}[rank_by])
         assert lines[0][1].solver == first
 
 
-def test_failures_rank_first_and_then_the_median():
-    """Three of thirty runs more fail: not told apart; twenty more: told apart."""
+def bounded(one):
+    """With a bound of 1 rad, m/s and m, so that there is a cap."""
+    c = one.records.criteria
+    sigma = np.ones((len(c.history_t), 9))
+    bound = Bound(c.history_t, sigma, sigma[0], sigma[0], np.array([c.steady_from, c.num_epochs]), np.array(True))
+    return dataclasses.replace(one, stored_bound=bound)
+
+
+def test_hot_starts_are_scored_at_the_end_and_capped_where_they_fail():
+    """Two of two hundred runs more fail: not told apart; twenty more: told apart."""
     lines = []
-    for name, failed, size in (("many", 20, 1e-3), ("few", 3, 1e-3), ("none-worse", 0, 2e-3), ("none", 0, 1e-3)):
-        angle = np.full(30, size)
+    for name, failed, size in (("many", 22, 1e-3), ("few", 2, 1e-3), ("none-worse", 0, 2e-3), ("none", 0, 1e-3)):
+        angle = np.full(200, size)
         angle[:failed] = 10 * DEG
-        lines.append(solver(name, {"phi_u": angle, "heading": angle}, rank_by="failures"))
+        lines.append(solver(name, {"phi_u": angle, "heading": angle}, rank_by="failures", fail_azimuth_deg=5.0))
     found = ranking.ranked(lines)
-    assert [(rank, one.solver) for rank, one in found] == [(1, "none"), (1, "none-worse"), (1, "few"), (4, "many")]
+    assert [one.solver for _, one in found] == ["none", "few", "none-worse", "many"]
+    assert [rank for rank, _ in found] == [1, 1, 2, 4]
+    many = found[3][1].verdict
+    assert many.failures == 22
+    assert many.score == pytest.approx(math.sqrt((22 * (5 * DEG) ** 2 + 178e-6) / 200))
     text = plain_tables.as_markdown(lines)
-    assert "median heading at the end, deg" in text
-    assert "| 20 diverged |" in text
+    assert "heading error beyond 5.00 deg at the end" in text
+    assert "| 22 of 200 [" in text
+    assert "many 22 diverged" in text
 
 
 def test_compare_in_any_quantity():
@@ -207,7 +223,8 @@ def test_compare_in_any_quantity():
     a, b = solver("a", {"pos_e": common, "vel_u": common}), solver("b", {"pos_e": 2 * common, "vel_u": 0.5 * common})
     assert compare(a, b).ratio[0] == pytest.approx(0.5)  # what ranks: position
     assert compare(a, b, "velocity_v").ratio[0] == pytest.approx(2.0)
-    assert "velocity_v RMS, ratio" in str(compare(a, b, "velocity_v"))
+    assert "velocity_v score, ratio" in str(compare(a, b, "velocity_v"))
+    assert "no verdict (errors have no cap without a bound)" in str(compare(a, b))
     with pytest.raises(ValueError, match=r"score 'positon'.*position"):
         compare(a, b, "positon")
     with pytest.raises(ValueError, match=r"score 'position'.*azimuth"):
@@ -325,7 +342,7 @@ def test_tables_figures_and_page(flight, found, tmp_path, monkeypatch, cli):
     monkeypatch.setenv("COLUMNS", "150")
     code, out, _ = cli("board", "--plot", "board.png")
     assert code == 0
-    for text in ("position", "hor., m", "vert., m/s", "NEES", "/ 9", "mean over time from 5 s on", "1  FollowsFixes"):
+    for text in ("position", "hor., m", "vert., m/s", "NEES", "/ 9", "over time from 5 s on", "-  FollowsFixes"):
         assert text in out
     monkeypatch.setenv("COLUMNS", "80")
     narrow = cli("board")[1]
@@ -336,10 +353,10 @@ def test_tables_figures_and_page(flight, found, tmp_path, monkeypatch, cli):
     assert "position, horizontal" in out
     assert cli("report", "--html", "r.html")[0] == 0
     page = (tmp_path / "r.html").read_text()
-    for text in ("Horizontal position error over time", "position, horizontal error, m", "NEES /\xa09"):
+    for text in ("Horizontal position error over time", "score of the position, m", "Failed runs", "NEES /\xa09"):
         assert text in page, text
     code, out, _ = cli("compare", flight.name, PLUGIN, PLUGIN, "--score", "velocity")
-    assert "velocity RMS, ratio        1.000" in out
+    assert "velocity score, ratio      1.000" in out
     for name in ("board.png", "run.png"):
         assert (tmp_path / name).stat().st_size > 10_000
 

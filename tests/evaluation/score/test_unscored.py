@@ -80,11 +80,16 @@ def test_lost_runs_are_not_scored_either(unscored):
 
 def test_every_form_shows_no_score(found):
     other = dataclasses.replace(found, solver="other")
-    assert [(rank, one.solver) for rank, one in ranking.ranked([other, found])] == [(1, "other"), (1, found.solver)]
+    assert [(rank, one.solver) for rank, one in ranking.ranked([other, found])] == [
+        (None, "other"),
+        (None, found.solver),
+    ]
     for entry in json.loads(plain_tables.as_json([found, other])):
         assert entry["success"] is entry["t_conv_median_s"] is None
         assert set(entry["rms"].values()) == {None}
-        assert entry["failures"] == 0
+        assert entry["failures"] == entry["failed"] == 0
+        assert entry["score"] is entry["median"] is entry["aligned"] is entry["rank"] is None
+        assert entry["scoring"] == 2
     for row in csv.DictReader(io.StringIO(plain_tables.as_csv([found, other]))):
         assert row["rank"] == row["success"] == row["rms_u_arcsec"] == row["t_conv_median_s"] == row["rms_n_low"] == ""
         assert float(row["spread_deg"]) == found.summary.spread_deg
@@ -92,14 +97,14 @@ def test_every_form_shows_no_score(found):
     head, _, row = (line.strip("|").split("|") for line in plain_tables.as_markdown([found]).splitlines()[4:7])
     said = {name.strip(): cell.strip() for name, cell in zip(head, row, strict=True) if cell.strip() != "-"}
     spread = numbers.number_text(found.summary.spread_deg)
-    assert said == {"solver": found.solver, "runs": "3", "failures": "0", "spread, deg": spread}
+    assert said == {"solver": found.solver, "failed": "0 of 3 [0–71 %]", "spread, deg": spread}
     for width in (80, 120):
         console = Console(width=width, file=io.StringIO())
         console.print(terminal_tables.table([found, other], width))
         text = console.file.getvalue()
         assert "no reference" in text
         assert numbers.number_text(found.summary.spread_deg) in text
-        for part in ("nan", "%", "never", "equal ranks"):
+        for part in ("nan", "never", "score  ", "median"):
             assert part not in text
 
 

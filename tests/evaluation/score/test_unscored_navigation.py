@@ -65,7 +65,7 @@ def test_nothing_is_scored(found):
 def test_all_tie_in_every_form(found, rank_by):
     task = dataclasses.replace(found.task, rank_by=rank_by)
     pair = [dataclasses.replace(found, task=task, solver=name) for name in ("one", "other")]
-    assert [rank for rank, _ in ranking.ranked(pair)] == [1, 1]
+    assert [rank for rank, _ in ranking.ranked(pair)] == [None, None]
     for entry in json.loads(plain_tables.as_json(pair)):
         assert {*entry["armse"].values(), *entry["rms"].values(), entry["bound_ratio"]} == {None}
     for row in csv.DictReader(io.StringIO(plain_tables.as_csv(pair))):

@@ -69,6 +69,13 @@ def test_the_oracle_adjusts_the_ratio_to_the_bound() -> None:
     assert reference_only.below_bound is None
 
 
+def test_no_interval_ends_beyond_the_cap() -> None:
+    """Three runs of thirty fail and all others are equal: resamples without the three have no variance."""
+    (found,) = judge([entry(np.where(np.arange(30) < 3, 20.0, 0.1))], MEASURE)
+    assert found.score_ci[0] < found.score < found.score_ci[1] == CAP
+    assert found.x_bound_ci[1] == CAP
+
+
 def test_wins_are_adjusted_by_holm() -> None:
     entries = [entry(one) for one in errors(200, 1.0, 0.9, 0.99, 1.2, 1.0)]
     found = judge(entries, MEASURE, yardstick=0)
