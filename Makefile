@@ -13,7 +13,7 @@ N ?= 10000
 .PHONY: board test check lint types tests fuzz bench reproduce leaderboard clean
 
 board: $(STAMP)  ## four filters align a swaying SINS: ranked table and figure
-	$(BIN)/sins-env eval --task sway-white-v0 --solver kf ekf ukf ckf --runs 100 --db results.sqlite --resume --plot board.png
+	$(BIN)/sins-env eval --task sway-white-v0 --solver kf ekf ukf ckf --runs 200 --db results.sqlite --resume --plot board.png
 
 test: $(STAMP)  ## every test
 	$(BIN)/python -m pytest -n 2

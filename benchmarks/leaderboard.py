@@ -154,7 +154,7 @@ def _entry(rank: int, one: Results, yardstick: Results) -> dict[str, Any]:
 
 def _paired(one: Results, yardstick: Results) -> dict[str, Any] | None:
     """Compare with the yardstick over common runs: the ratio of the errors that rank, and the difference of failed runs."""
-    if one is yardstick or not one.summary.scored:
+    if one.label == yardstick.label or not one.summary.scored:
         return None
     a, b = one.records, yardstick.records
     mine, its = common(a, b)

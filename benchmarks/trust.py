@@ -1,6 +1,6 @@
 """How often the board's statistics are wrong, simulated on the product's own path (verdicts.py).
 
-    python benchmarks/trust.py                 both tables of docs/tasks_and_scores.md, two CPU minutes
+    python benchmarks/trust.py                 both tables of docs/tasks_and_scores.md, 70 s of CPU
     python benchmarks/trust.py --part 0.1      a tenth of the samples, to see that it works
 
 The first table has the misses of the 95 % interval of the score, for errors of several laws. The second has boards of ten solvers
@@ -84,7 +84,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(
             f"| {law} | " + " | ".join(f"{100 * (a + b):.1f} = {100 * a:.1f} + {100 * b:.1f}" for a, b in cells) + " |"
         )
-    print("\n| law | false win or loss | without Holm | false rank | best not in rank 1 |\n|---|---|---|---|---|")
+    print(
+        "\n| law | false win or loss | without Holm | a rank above 1 | a given one of the best not in rank 1 |\n|---|---|---|---|---|"
+    )
     for law in LAWS:
         print(f"| {law} | " + " | ".join(f"{100 * one:.1f} %" for one in false_verdicts(law, count)) + " |", flush=True)
     print(f"\n{time.process_time() - begin:.0f} s of CPU, {samples} samples, {count} boards")

@@ -403,9 +403,7 @@ def test_what_it_gives_is_one_short_line(short):
     assert shown[1:3] == ["<Records of 3 runs: 3 ok>", "<Records of 3 runs: 3 raised>"]
     assert shown[3].startswith("<Summary of 3 runs: ")
     assert shown[4].startswith("<Bound: ")
-    assert shown[5].startswith(
-        f"<Comparison of {HERE}DeadReckoning with {HERE}Noisy on short-v0: 3 runs, azimuth RMS ratio "
-    )
+    assert shown[5].startswith(f"<Comparison of {HERE}DeadReckoning with {HERE}Noisy on short-v0: 3 runs, values alone")
     assert shown[6] == "<Course of run 2: 6 epochs, step raised ArithmeticError: no square root, at 0.7 s>"
     for text in shown:
         assert "\n" not in text

@@ -103,9 +103,7 @@ def scores(losses: Array) -> list[Root]:
         t = (np.log(drawn) - np.log(means)) / (np.sqrt(variances) / drawn / math.sqrt(runs))
     out = []
     for i, (mean, error) in enumerate(zip(means.tolist(), errors.tolist(), strict=True)):
-        if not mean > 0.0:
-            out.append(_without(mean))
-        elif error <= 1e-12:
+        if not mean > 0.0 or error <= 1e-12:
             out.append(Root(math.sqrt(mean), np.zeros(1), 0.0))
         else:
             out.append(Root(math.sqrt(mean), t[:, i], error))

@@ -34,10 +34,8 @@ WIN = 0.99  #: largest ratio of scores of a win
 EQUAL: Interval = (0.98, 1.02)  #: ratios of solvers that count as equal
 LOOKS = (200, 400, 800)  #: numbers of runs at which an undecided pair may be looked at, each at LOOK_LEVEL
 LOOK_LEVEL = LEVEL / len(LOOKS)
-BELOW, BELOW_CONFIDENCE = (
-    0.98,
-    0.999,
-)  #: a solver is below the bound if the interval of that confidence is below that ratio
+BELOW, BELOW_CONFIDENCE = 0.98, 0.999  #: below the bound: the interval of that confidence lies below that ratio
+LEAST_CAP = 2.5  #: least cap over the bound for that verdict; the cap alone takes 1 % off a score at the bound there
 UNKNOWN: Estimate = (math.nan, NO_INTERVAL)
 
 Word = Literal["wins", "loses", "equal", "undecided"]
@@ -88,7 +86,7 @@ class Verdict:
     x_bound: float = math.nan  #: score over the bound
     x_bound_ci: Interval = NO_INTERVAL
     adjusted: bool = False  #: whether ``x_bound`` is adjusted by the oracle
-    below_bound: bool | None = None  #: whether the solver is better than the bound allows
+    below_bound: bool | None = None  #: whether the solver is better than the bound allows; None if the cap hides it
     common: int = 0  #: number of runs in common with the yardstick
     ratio: float = math.nan  #: score over that of the yardstick, in their common runs
     ratio_ci: Interval = NO_INTERVAL
@@ -164,7 +162,7 @@ def _scores(entries: Sequence[Entry], measure: Measure) -> list[dict[str, Any]]:
     """Return the scores and ratios to the bound of solvers with the same runs."""
     loss = np.stack([losses.capped(one.error, measure.cap) for one in entries], axis=1)
     roots, enough, bounded = losses.scores(loss), len(loss) >= LEAST_INTERVAL, measure.bound > 0.0
-    oracle = entries[0].oracle
+    oracle, told = entries[0].oracle, measure.holds and measure.cap >= LEAST_CAP * measure.bound
     if bounded:
         over = (
             [root.over(measure.bound) for root in roots]
@@ -180,7 +178,7 @@ def _scores(entries: Sequence[Entry], measure: Measure) -> list[dict[str, Any]]:
                 "x_bound": over[i].value,
                 "x_bound_ci": over[i].interval(most=measure.cap / measure.bound) if enough else NO_INTERVAL,
                 "adjusted": oracle is not None,
-                "below_bound": over[i].interval(BELOW_CONFIDENCE)[1] < BELOW if measure.holds else None,
+                "below_bound": over[i].interval(BELOW_CONFIDENCE)[1] < BELOW if told else None,
             }
         out.append(found)
     return out

@@ -97,7 +97,7 @@ def _verdict_note(results: Sequence[Results]) -> list[str]:
         fewest, most = min(one.verdict.runs for one in results), results[0].task.max_runs
         more = "" if fewest == most else "; --resume with more --runs adds to them"
         lines.append(
-            f"Fewer than {LEAST_VERDICT} common runs are preliminary, without p and rank; below {LEAST_INTERVAL} there are "
+            f"Fewer than {LEAST_VERDICT} common runs are preliminary, without p and rank; fewer than {LEAST_INTERVAL} give "
             f"values alone{more}."
         )
     return lines

@@ -146,20 +146,19 @@ def test_the_table_is_the_boards(file, page):
         told = {
             name: row[i]
             for i, text in enumerate(table[0])
-            for name in ("RMS", "failed", "cost")
+            for name in ("x bound", "failed", "cost", "time")
             if text.startswith(name)
         }
-        assert row[0] == str(rank)
+        assert row[0] == str(rank or "-")
         assert row[1].startswith(one.solver.rpartition(":")[2])
         assert ("gain=2" in row[1]) == ("gain" in one.settings)
-        assert row[2] == f"{numbers.angle_text(s.rms['U'])} {numbers.angle_interval_text(s.rms_ci['U'])}"
-        assert row[4] == f"{cells.success_text(s)} of {s.runs}"
+        assert row[2] == " ".join(cells.score(one)[:2]).strip()
+        assert told["time"] == numbers.seconds_text(one.verdict.time_s)
+        assert told["x bound"].startswith(cells.x_bound(one).value)
         assert (
-            row[5]
-            == f"{numbers.seconds_text(s.t_conv_median_s)} {numbers.seconds_interval_text(s.t_conv_ci_s)}".strip()
+            told["failed"]
+            == f"{one.verdict.failures} of {s.runs} {numbers.percent_interval_text(one.verdict.failed_ci)}"
         )
-        assert told["RMS"].startswith(cells.bound_ratio(one).value)
-        assert told["failed"].replace("\n", ", ") == cells.failure_text(s)
         assert told["cost"] == cells.cost(one).value
     assert lines[0][1].solver == "better"
     for line in footer.footer([one for _, one in lines]).split("\n"):
@@ -172,16 +171,21 @@ def test_intervals_on_their_axis(file):
         lines = ranking.ranked([db.results(key) for key in db.keys([TASK.name])])
     task = panel.Lineup([one for _, one in lines], {}, "t")
     found = {row.name: row.whisker for row in page_tables.rows_of(lines, task)}
-    ends = {one.label: np.array([one.summary.rms["U"], *one.summary.rms_ci["U"]]) for _, one in lines}
+    ends = {one.label: np.full(3, one.verdict.score) for _, one in lines}  # too few runs for intervals
     low, usual = min(ci.min() for ci in ends.values()), np.median([ci[0] for ci in ends.values()])
-    bound = task.bound.steady[2] / ARCSEC
-    low = min(low, bound)
+    bound = task.bound.steady[2]
+    low, top = min(low, bound), min(5 * usual, max(ci.max() for ci in ends.values()))
     for name in ("better", "good", "worst"):
         label = name if name != "good" else "good (gain=2)"  # the later line of that name
-        expected = np.log(ends[label] / low) / np.log(5 * usual / low)
+        expected = np.log(ends[label] / low) / np.log(top / low)
         np.testing.assert_allclose(found[name][:3], expected)
-        assert found[name].bound == pytest.approx(np.log(bound / low) / np.log(5 * usual / low))
-    assert found["worst"].value > 1 > found["better"].high
+        assert found[name].bound == pytest.approx(np.log(bound / low) / np.log(top / low))
+    assert found["worst"].value == 1 > found["better"].high
+    few = [
+        dataclasses.replace(one, told=dataclasses.replace(one.verdict, score=size))
+        for (_, one), size in zip(lines, (1, 1, 1, 9), strict=False)
+    ]
+    assert page_tables.whiskers(few)(few[3]).value > 1  # beyond five times the median
     alone = page_tables.rows_of(lines[:1], panel.Lineup([lines[0][1]], {}, "t"))[0].whisker
     assert min(alone) == 0
     assert max(alone) == 1
@@ -273,7 +277,7 @@ def curve(axes, names, label):
 def test_what_the_figures_draw(file, monkeypatch):
     with Store(file, read_only=True) as db:
         out, lines, captions = drawn(monkeypatch, [db.results(key) for key in db.keys([TASK.name])])
-    assert len(out) == 6
+    assert len(out) == 7
     r = lines[0].records
     axes, names, told = out["Azimuth error over time"]
     line = curve(axes, names, "better")
@@ -286,6 +290,9 @@ def test_what_the_figures_draw(file, monkeypatch):
     bound = next(one for one in axes.lines if len(one.get_xdata()) == len(lines[0].bound.t))
     np.testing.assert_allclose(bound.get_ydata(), lines[0].bound.sigma[:, 2] / DEG)
     assert f"better {numbers.angle_text(lines[0].summary.rms['U'])}″" in told
+    axes, names, said = out["Failed runs"]
+    assert curve(axes, names, "better").get_ydata() == [100 * lines[0].verdict.failed]
+    assert "better 0 of" in said
     line = curve(*out["Level error over time"][:2], "better")
     expected = np.sqrt((r.history[:, at, :2] ** 2).mean(axis=(0, 2))) / ARCSEC
     np.testing.assert_allclose(line.get_ydata(), expected, rtol=1e-5)
@@ -304,7 +311,7 @@ def test_what_the_figures_draw(file, monkeypatch):
         np.testing.assert_allclose(y, [100 * (largest <= one * unit).mean() for one in x])
     axes, names, _ = out["Error against cost"]
     line = curve(axes, names, "better")
-    assert (line.get_xdata()[0], line.get_ydata()[0]) == (1.5, lines[0].summary.rms["U"] / 3600)
+    assert (line.get_xdata()[0], line.get_ydata()[0]) == (1.5, lines[0].verdict.score / DEG)
     assert not [one for one in names.values() if "gain=2" in one]  # its cost was not measured
 
 

@@ -210,13 +210,20 @@ def as_csv(db, keys):
     return plain_tables.as_csv([db.results(key) for key in keys])
 
 
+def figures(text, names=None):
+    """The figures of a table by solver and settings, in these columns; what scoring 2 decides anew is left out."""
+    rows = list(csv.DictReader(io.StringIO(text)))
+    kept = [name for name in names or rows[0] if name not in ("rank", "below_bound")]
+    return {(row["solver"], row["settings"]): {name: row[name] for name in kept} for row in rows}
+
+
 def test_a_file_of_the_third_schema_gives_the_same_table(third):
     path, table = third
     before = path.read_bytes()
     with Store(path, read_only=True) as db:
         keys = db.keys()
-        rows, told = (list(csv.DictReader(io.StringIO(text))) for text in (as_csv(db, keys), table))
-        assert [{name: row[name] for name in told[0]} for row in rows] == told  # there may be more columns now
+        told = figures(table)
+        assert figures(as_csv(db, keys), table.split("\n")[0].split(",")) == told  # there may be more columns now
     assert path.read_bytes() == before
 
 
@@ -228,7 +235,8 @@ def test_a_file_of_the_third_schema_goes_on(third, short):
         more = evaluate(short, key.solver, [3], workers=1, settings={"epoch": 150}, cost=False).records
         db.add(key, more)
         assert db.runs_of(key) == {0, 1, 2, 3}
-        assert as_csv(db, [told]).splitlines()[1].startswith(table.splitlines()[1])
+        (row,) = figures(as_csv(db, [told]), table.split("\n")[0].split(",")).items()
+        assert row in figures(table).items()
         assert db.results(key).records.reason[3] == more.reason[0]
         assert db.connection.execute("PRAGMA user_version").fetchone() == (SCHEMA_VERSION,)
 
