@@ -84,9 +84,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(
             f"| {law} | " + " | ".join(f"{100 * (a + b):.1f} = {100 * a:.1f} + {100 * b:.1f}" for a, b in cells) + " |"
         )
-    print(
-        "\n| law | false win or loss | without Holm | a rank above 1 | a given one of the best not in rank 1 |\n|---|---|---|---|---|"
-    )
+    heads = "law", "false win or loss", "without Holm", "a rank above 1", "a given one of the best not in rank 1"
+    print(f"\n| {' | '.join(heads)} |\n|{'---|' * len(heads)}")
     for law in LAWS:
         print(f"| {law} | " + " | ".join(f"{100 * one:.1f} %" for one in false_verdicts(law, count)) + " |", flush=True)
     print(f"\n{time.process_time() - begin:.0f} s of CPU, {samples} samples, {count} boards")
