@@ -8,8 +8,8 @@ Epochs of the swaying base, with 10 states and a fix of two velocities each, are
 the step is timed, without simulator and strapdown. Blocks of the filter alternate with blocks of ckf. The ratio is the median
 over such pairs of CPU times, so that a busy machine changes it little. Each filter gets the same time, and at least one block.
 
-Whole estimators play the task instead, from its first epoch on. A bank costs most there, so the first 30 s stand apart from the
-90 s after them.
+Whole estimators play the task instead, from its first epoch on. A bank costs most there, so the first 30 s and the next 90 s
+stand apart from the 60 s after them.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,7 +38,7 @@ from solvers.types import Gaussian, Measurement, Transition
 YARDSTICK = "ckf"
 EPOCHS = 100  #: number of recorded epochs, after which a filter starts again
 BLOCK_S = 5e-3  #: s, CPU time that a block should take
-CHAIN_S, CHAIN_BLOCK = (30.0, 90.0), 20  #: parts of the time for whole estimators, and epochs in a block
+CHAIN_S, CHAIN_BLOCK = (30.0, 90.0, 60.0), 20  #: parts of the time for whole estimators, and epochs in a block
 
 
 class Recorder:
@@ -124,37 +125,35 @@ def cell(name: str, recorded: Recorder, seconds: float) -> tuple[str, str]:
     return f"{found.step_us:.4g}", f"{found.ratio:.3g}{few}"
 
 
-def chain(name: str, task: str, runs: int) -> tuple[Cost, Cost]:
-    """Measure a whole estimator: its cost in the first 30 s and in the 90 s after them."""
-    own, yardstick = (
-        Probe(get_task(task), Here(lambda name=name: solvers.make(name)), runs, 0, time.process_time)
-        for name in (name, YARDSTICK)
-    )
-    found = []
-    for seconds in CHAIN_S:
-        epochs = round(seconds / own.epoch_s)
-        pairs = [
-            (own.advance(CHAIN_BLOCK)[0].mean(), yardstick.advance(CHAIN_BLOCK)[0].mean())
-            for _ in range(epochs // CHAIN_BLOCK)
-        ]
-        each = np.array(pairs)  # the bank shrinks on the way, so that means count, and not medians
-        found.append(Cost(1e6 * float(each[:, 0].mean()) / runs, float(each[:, 0].sum() / each[:, 1].sum()), len(each)))
-    own.close()
-    yardstick.close()
-    return found[0], found[1]
+def chain(name: str, task: str, runs: int) -> list[Cost]:
+    """Measure a whole estimator in each of the parts CHAIN_S of the time from switch-on."""
+
+    def probe(name: str) -> Probe:
+        return Probe(get_task(task), Here(lambda: solvers.make(name)), runs, 0, time.process_time)
+
+    for first in (name, YARDSTICK):
+        with closing(probe(first)) as warm:
+            warm.advance(CHAIN_BLOCK)  # kernels are loaded
+    with closing(probe(name)) as own, closing(probe(YARDSTICK)) as yardstick:
+        found = []
+        for seconds in CHAIN_S:
+            blocks = range(round(seconds / own.epoch_s) // CHAIN_BLOCK)
+            each = np.array([[one.advance(CHAIN_BLOCK)[0].mean() for one in (own, yardstick)] for _ in blocks])
+            own_s, yardstick_s = each.mean(axis=0)  # the bank shrinks on the way, so that means count, and not medians
+            found.append(Cost(1e6 * float(own_s) / runs, float(own_s / yardstick_s), len(each)))
+    return found
 
 
 def chains(names: Sequence[str], task: str, batches: Sequence[int]) -> Table:
     """Return the table of whole estimators."""
-    table = Table(title=f"CPU time of a step of the whole estimator on {task}, one thread")
-    table.add_column("estimator")
+    parts = ", ".join(f"{seconds:g}" for seconds in CHAIN_S)
+    title = f"CPU time of a step of the whole estimator on {task}, us per run and over ckf, in successive {parts} s"
+    table = Table("estimator", title=title)
     for runs in batches:
-        for when in ("first 30 s", "later"):
-            table.add_column(f"{runs} run{'s' * (runs > 1)}, {when}, us per run", justify="right")
-            table.add_column("/ ckf", justify="right")
+        table.add_column(f"{runs} run{'s' * (runs > 1)}", justify="right")
     for name in names:
-        costs = [one for runs in batches for one in chain(name, task, runs)]
-        table.add_row(name, *(text for one in costs for text in (f"{one.step_us:.4g}", f"{one.ratio:.3g}")))
+        costs = [chain(name, task, runs) for runs in batches]
+        table.add_row(name, *(", ".join(f"{one.step_us:.3g} ({one.ratio:.2g})" for one in row) for row in costs))
     return table
 
 
@@ -169,7 +168,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     keep_freed_memory()
     if given.chain:
         with threadpool_limits(1):
-            Console().print(chains(given.filters or solvers.names(), given.task, given.runs))
+            Console(width=160).print(chains(given.filters or solvers.names(), given.task, given.runs))
         return
     for name in given.filters:
         if name not in FILTERS:

@@ -180,6 +180,7 @@ class Played(NamedTuple):
     nees: Array  #: (R,) NEES of the attitude over its expectation at the end
     sigmas: Array  #: (R, 3) errors of the attitude at the end over the standard deviations that the solver states
     lost: int  #: number of runs that it gave up
+    doubt: Array  #: (R,) share of epochs in which it doubts the told noise; NaN if it does not tell
 
 
 def same(given: Any) -> Any:
@@ -203,9 +204,10 @@ def play(
     phi = np.array([info["errors"]["phi"] for k, _, info, _, _ in loop if k > (1.0 - LAST) * loop.task.num_epochs])
     P = solver.covariance()
     lost = int((loop.guard.health()[2] >= 0).sum())
+    doubt = getattr(solver, "diagnostics", dict)().get("doubt", np.full(runs, np.nan))
     loop.close()
     sigmas = np.abs(phi[-1]) / np.sqrt(np.diagonal(P[:, :3, :3], axis1=-2, axis2=-1))
-    return Played(np.square(phi[..., 2]).mean(axis=0), nees(phi[-1], P[:, :3, :3]) / 3.0, sigmas, lost)
+    return Played(np.square(phi[..., 2]).mean(axis=0), nees(phi[-1], P[:, :3, :3]) / 3.0, sigmas, lost, doubt)
 
 
 def ratios(scenario: Scenario, number: int, seed: int, runs: int, variants: Sequence[str]) -> dict[str, dict[str, Any]]:

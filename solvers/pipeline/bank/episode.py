@@ -62,7 +62,8 @@ class Episode:
         self._chain = self._models.chain(task.epoch_s)
         self._factors = np.array(factors)
         self._told = regimes.cells(noise_law(task.gps))
-        self._stationary = regimes.stationary(len(factors), list(factors).index(1.0))
+        self._as_told = list(factors).index(1.0)  # index of the regime of the told noise
+        self._stationary = regimes.stationary(len(factors), self._as_told)
         self._Q_gyro = self._errors.noise(replace(task.prior, vrw_ug_sqrt_hz=0.0))
         self._Q_accel = self._errors.noise(replace(task.prior, arw_deg_sqrt_h=0.0))
         self.slices: Slices | None = None  #: None before any run has a slice
@@ -73,6 +74,8 @@ class Episode:
         self._failed_at = np.full(runs, -1)
         self._waiting: Mask = np.ones(runs, dtype=bool)  # for the first fix, or for the first epoch of a told start
         self._nav = NavState(np.zeros((runs, 4)), np.zeros((runs, 3)), np.tile(self.task.site.pos, (runs, 1)))  # answer
+        # epochs in which the told noise is not the likeliest, and all epochs with slices
+        self._doubted, self._epochs = np.zeros((2, runs))
         self._stillness = Stillness(self.task, runs) if self.settings.stillness else None
         self._coarse: coarse_methods.Coarse | None = None
         self._past: list[Observation] = []  # epochs of the coarse phase
@@ -123,8 +126,16 @@ class Episode:
             still = None if self._stillness is None else self._stillness.seen(obs)
             if self.slices is not None:
                 self.slices = self._advance(self.slices, obs, still)
+                self._note(self.slices)
         if self._waiting.any():
             self._wait(obs, again)
+
+    def _note(self, s: Slices) -> None:
+        """Count the epochs in which the told noise has less than half of the weight."""
+        told = s.weight[:, 0] * s.regimes[:, 0, self._as_told]
+        told, all_of_it = sum_by_run(np.stack([told, s.weight.sum(axis=-1)], axis=-1), s.run, self._runs).T
+        self._doubted += told < 0.5 * all_of_it
+        self._epochs += all_of_it > 0.0
 
     def _add(self, runs: NDArray[np.int64], ins: StrapdownState, weights: Array, variance: Array, P0: Array) -> None:
         """Add the slices (len(runs), G, ...) of runs, with the prior P0 (15, 15) but for the ``variance`` of the heading."""
@@ -355,6 +366,10 @@ class Episode:
 
         After an epoch with a fix or reading, ``<aid>_residual`` (..., m) is the INS minus the reading less its prediction in the
         best slice, and ``<aid>_nis`` (...) its normalised square; NaN without one.
+
+        ``doubt`` is the share of epochs so far in which the told noise was less likely than all other hypotheses together. The
+        answer then rests on these. It is near zero if the task tells the truth, and a warning else.
+
         The slots of slices that a run no longer has carry weight zero and a heading of NaN.
         """
         if self.slices is None:
@@ -366,6 +381,7 @@ class Episode:
         weights[s.run, slot] = s.weight.sum(axis=-1)
         headings[s.run, slot] = attitude.to_euler(attitude.to_dcm(s.ins.nav.q_nb))[0]
         found = {
+            "doubt": self._doubted / np.maximum(self._epochs, 1.0),
             "slices": (weights > 0.0).sum(axis=-1).astype(float),
             "slice_weights": weights,
             "slice_headings_rad": headings,

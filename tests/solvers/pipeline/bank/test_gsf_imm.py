@@ -68,6 +68,17 @@ def test_a_run_of_a_batch_has_the_bits_of_a_single_run(name, more):
             np.testing.assert_array_equal(value, facts[key][i])
 
 
+def test_doubt_is_the_share_of_epochs_that_the_told_noise_does_not_explain():
+    task, seen, _ = record("sway-white-v0", 2, 60, n_sub=5)
+    for obs in seen[20:50]:
+        obs["gps_vel"][1] += [3.0, 0.0, 0.0]
+    solver = solvers.make("gsf_imm", spacing_deg=60.0)
+    play(solver, task, seen)
+    honest, fooled = solver.diagnostics()["doubt"]
+    assert honest == 0.0
+    assert 0.5 <= fooled < 0.75  # 30 of 60 epochs, and some fixes until the end is believed
+
+
 def test_a_base_at_rest_and_a_second_pass():
     """Rows of a batch have the bits of single runs: at rest after ten seconds, and after a coarse phase that ends then."""
     task, seen, truth = record("static8-v0", 3, 160, n_sub=2)
