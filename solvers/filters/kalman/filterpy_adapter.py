@@ -5,8 +5,8 @@ One run at a time: batch shape (), ``batched`` False. A filterpy object is made 
 keeps nothing between steps. Its cubature filter is not offered, because its update leaves out Q.
 
 What filterpy inverts or factors must be regular. A component of a fix that follows from those before it, by a singular S, is
-therefore left out, as if it were missing. A covariance that filterpy cannot factor gets our root. Both count as repairs. After a
-fix no variance is smaller than rounding lets see (``above_rounding``), as in our own filters.
+therefore left out, as if it were missing. A covariance that filterpy cannot factor gets our root. Both count as repairs. The
+variances of its unscented filter, which subtracts, are after a fix at least what rounding lets see, as in our own filters.
 """
 
 from __future__ import annotations
@@ -134,8 +134,7 @@ class FilterpyFilter(Brief, ABC):
             x, innovation, _ = self._run_without(b, tr, me, np.arange(me.z.size) != at)
             return x, innovation, True
         mean = np.array(o.x) if done else np.full(x.mean.shape, np.nan)
-        after = Gaussian(mean, above_rounding(np.array(o.P), x.cov))
-        return after, Innovation(np.array(o.y), np.array(o.S)), root.repaired
+        return Gaussian(mean, np.array(o.P)), Innovation(np.array(o.y), np.array(o.S)), root.repaired
 
     def _run_without(self, b: Belief, tr: Transition, me: Measurement, rows: Mask) -> tuple[Gaussian, Innovation, bool]:
         """Do what ``_run`` does, with the components in the mask (m,) alone."""
@@ -224,6 +223,7 @@ class FilterpyUKF(FilterpyFilter):
             o.x, o.P = o.x_prior, o.P_prior
             o.update(W @ me.z, R=W @ me.R @ W.T, hx=lambda x: W @ h(x))
             o.y, o.S = L @ o.y, L @ o.S @ L.T
+        o.P = above_rounding(o.P, o.P_prior)
 
 
 _SPREAD = {"alpha": 0.7, "beta": 2.0, "kappa": 1.0}
