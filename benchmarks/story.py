@@ -1,19 +1,20 @@
-"""The two figures of README, from the runs of the leaderboard: accuracy against cost, and errors against time."""
+"""The figures of README: accuracy against cost and failed runs from leaderboard.json, and errors against time from the runs."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
 import suite
+from matplotlib.transforms import Bbox
 
 from sins_env.cli.output import remark
 from sins_env.evaluation.report.page_figures import pareto_front
-from sins_env.evaluation.score.paired import paired_ratio
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show.error_figure import band, size_of
 from sins_env.evaluation.show.style import COLOURS, bound_style, finish, new_figure
@@ -23,106 +24,183 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Board = Mapping[str, Sequence[Results]]  #: results by task
-Point = tuple[float, float]  #: cost and error
+Entry = Mapping[str, Any]  #: a task or a result of leaderboard.json
+Point = tuple[float, float]  #: cost and score
 
-#: Tasks of the first figure, with the titles of their panels and the solvers that are named in addition to the front.
+#: Tasks of the figure of costs, with the titles of their panels and the solvers that are named in addition to the front.
 COSTS = {
-    "sway-white-v0": ("nothing is wrong", ("ckf", "gsf_ekf", "two_pass", "gpf")),
-    "sway-told-wrong-v0": ("told noise is wrong", ("ckf", "imm_ekf")),
-    "sway-anyheading-v0": ("heading unknown", ("ckf", "inekf")),
-    "flight-hotstart60-v0": ("flight, heading wrong by 60 deg (1 sigma)", ("ckf",)),
+    "sway-white-v0": ("nothing is wrong", ("ckf", "gsf_imm", "two_pass", "fgo")),
+    "sway-told-wrong-v0": ("told noise is wrong", ("ckf", "gsf_imm", "imm_ekf", "vb_ckf")),
+    "sway-anyheading-v0": ("heading unknown", ("ckf", "gsf_imm", "inekf")),
+    "flight-lu-mixture-v0": ("flight, a fifth of the fixes is bad", ("ckf", "gsf_imm", "gm_ekf")),
 }
-#: Tasks of the second figure, with the titles of their panels and the solvers that are drawn.
+#: Tasks of the figure of errors, with the titles of their panels and the solvers that are drawn.
 TIMES = {
-    "sway-told-wrong-v0": ("told noise is wrong", ("ckf", "aukf", "imm_ekf")),
-    "sway-anyheading-v0": ("heading unknown", ("ckf", "iekf", "gsf_ekf")),
+    "sway-told-wrong-v0": ("told noise is wrong", ("ckf", "aukf", "gsf_imm")),
+    "sway-anyheading-v0": ("heading unknown", ("ckf", "inekf", "gsf_imm")),
 }
+RECOMMENDED = "gsf_imm"
 SAMPLES = 80  #: number of points of a curve
-TICKS = (0.5, 1, 2, 5)
-BETTER = 0.9  #: a solver of the front is named if its error is at most so many times that of the next cheaper one
+BETTER = 0.95  #: a solver of the front is named if its score is at most so many times that of the next cheaper one
+#: Places of a label around its point, nearest first: distances in points, and directions in degrees.
+DISTANCES, DIRECTIONS = (6, 13, 22, 33, 46, 60), (35, -35, 145, -145, 90, -90, 0, 180)
 
 
-def draw(board: Board, folder: Path) -> None:
-    """Write ``cost.svg`` and ``time.svg`` for the tasks that the board has."""
+def draw(board: Mapping[str, Any], played: Mapping[str, Sequence[Results]], folder: Path) -> None:
+    """Write ``cost.svg``, ``failures.svg`` and ``time.svg``, for the tasks that there are."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, figure in (("cost", cost_figure(board)), ("time", time_figure(board))):
+    figures = {"cost": cost_figure(board), "failures": failure_figure(board), "time": time_figure(played)}
+    for name, figure in figures.items():
         path = folder / f"{name}.svg"
         with matplotlib.rc_context({"svg.hashsalt": name}):  # equal runs give an equal file
             figure.savefig(path, metadata={"Date": None})
         remark(f"figure: {path}, {path.stat().st_size / 1e3:.0f} kB")
 
 
-def cost_figure(board: Board) -> Figure:
-    """Draw the error over the bound against the cost of a step over that of ckf; solvers of the front are named."""
-    figure = new_figure(9.0, 6.8)
+# ---- score against cost ----
+
+
+def cost_figure(board: Mapping[str, Any]) -> Figure:
+    """Draw the score over the bound against the cost of a step over that of ckf; solvers of the front are named."""
+    figure = new_figure(9.0, 7.2)
     panels = figure.subplots(2, 2, sharex=True).ravel()
-    for axes, (task, (title, named)) in zip(panels, COSTS.items(), strict=False):
+    points = [placed(board, task) for task in COSTS]
+    for axes, (title, _), there in zip(panels, COSTS.values(), points, strict=False):
         finish(axes, title, xscale="log", yscale="log")
-        if task in board:
-            _costs(axes, _placed(board, task), named)
-    panels[0].set_xticks(TICKS, labels=[f"{tick:g}" for tick in TICKS])
-    panels[0].set_xticks([], minor=True)
+        if there:
+            _costs(axes, there)
     for axes in panels[2:]:
         axes.set_xlabel("cost of a step / ckf")
     for axes in panels[::2]:
-        axes.set_ylabel("azimuth error / bound")
+        axes.set_ylabel("score / bound")
+    figure.canvas.draw()  # labels find their places when the axes have theirs
+    for axes, (_, named), there in zip(panels, COSTS.values(), points, strict=False):
+        if there:
+            _name(axes, there, named)
     return figure
 
 
-def _placed(board: Board, task: str) -> dict[str, Point]:
-    """Return cost and error over the bound by solver.
-
-    If a solver has another number of runs than ckf, its error is the paired ratio times the error of ckf.
-    """
-    lines = board[task]
-    yardstick = next(one for one in lines if one.solver == suite.YARDSTICK)
-    costs = _costs_of(board, navigates=yardstick.records.criteria.navigates)
-    out = {}
-    for one in lines:
-        same = len(one.records) == len(yardstick.records)
-        error = one.headline_ratio
-        if not same:
-            error = paired_ratio(one.records, yardstick.records)[0] * yardstick.headline_ratio
-        if one.solver in costs and np.isfinite(error) and one.solver not in suite.AT_REST:
-            out[one.solver] = (costs[one.solver], error)
-    return out
-
-
-def _costs_of(board: Board, navigates: bool) -> dict[str, float]:
-    """Return the cost of a step over that of ckf by solver, measured on the one task of that kind."""
-    measured = [one for task in suite.COSTED for one in board.get(task, ()) if one.cost]
+def placed(board: Mapping[str, Any], task: str) -> dict[str, Point]:
+    """Return cost and score over the bound by solver, of those that have both on this task; few runs do not count."""
+    cost = {one["solver"]: one["cost"] for one in board["results"] if one["task"] == suite.costed_for(task)}
     return {
-        one.solver: one.cost.ratio
-        for one in measured
-        if one.records.criteria.navigates == navigates and one.cost.ratio is not None
+        one["solver"]: (cost[one["solver"]], one["x_bound"])
+        for one in board["results"]
+        if (one["task"], one["suite"]) == (task, "A")
+        and one["x_bound"]
+        and cost.get(one["solver"])
+        and one["solver"] not in suite.AT_REST
     }
 
 
-def _costs(axes: Axes, points: Mapping[str, Point], named: Sequence[str]) -> None:
-    best = pareto_front(list(points.values()))
+def _front(points: Mapping[str, Point]) -> list[Point]:
+    return pareto_front(list(points.values()))
+
+
+def _colour(name: str, points: Mapping[str, Point]) -> str:
+    return COLOURS[1] if name == suite.YARDSTICK else COLOURS[0] if points[name] in _front(points) else "0.55"
+
+
+def _costs(axes: Axes, points: Mapping[str, Point]) -> None:
+    best = _front(points)
     axes.step(*np.array(best).T, where="post", color=COLOURS[0], linewidth=1, linestyle=(0, (2, 2)), zorder=1)
     axes.axhline(1.0, color="black", linewidth=1.1, zorder=1)
-    leaders = {best[0], *(point for before, point in pairwise(best) if point[1] < BETTER * before[1])}
     for name, point in points.items():
-        colour = COLOURS[1] if name == suite.YARDSTICK else COLOURS[0] if point in best else "0.55"
-        told = point in leaders or name in named
-        axes.plot(*point, "o", color=colour, markersize=6.5 if told else 4, markeredgewidth=0, zorder=3 if told else 2)
-        if told:
-            where = {"xytext": (3, 4), "textcoords": "offset points", "rotation": 30, "rotation_mode": "anchor"}
-            axes.annotate(name, point, fontsize=9.5, color=colour, zorder=4, **where)
-    axes.margins(x=0.12)
-    axes.set_ylim(0.7, max(5.0, 2.0 * max(error for _, error in points.values())))
+        axes.plot(*point, "o", color=_colour(name, points), markersize=5, markeredgewidth=0, zorder=2)
+    axes.margins(x=0.12, y=0.15)
 
 
-def time_figure(board: Board) -> Figure:
-    """Draw the RMS of the azimuth error against time with 95 % bands, and the bound."""
-    figure = new_figure(9.0, 3.9)
+def _name(axes: Axes, points: Mapping[str, Point], named: Sequence[str]) -> None:
+    best = _front(points)
+    leaders = {best[0], best[-1], *(point for before, point in pairwise(best) if point[1] < BETTER * before[1])}
+    told = [name for name, point in points.items() if point in leaders or name in named]
+    labels(axes, {name: points[name] for name in told}, points.values(), {name: _colour(name, points) for name in told})
+
+
+def labels(axes: Axes, named: Mapping[str, Point], points: Sequence[Point], colours: Mapping[str, str]) -> list[Any]:
+    """Write a name beside each point where it covers no other name and no point, with a line to a point that is far."""
+    scale = axes.figure.dpi / 72.0
+    dots = [Bbox.from_bounds(x - 4, y - 4, 8, 8) for x, y in axes.transData.transform(list(points))]
+    room, taken, out = axes.get_window_extent(), [], []
+    for name, point in sorted(named.items(), key=lambda item: -item[1][1]):
+        text = axes.annotate(name, point, (0, 0), textcoords="offset points", fontsize=9, color=colours[name], zorder=4)
+        box = text.get_window_extent()
+        tried = []
+        for far in DISTANCES:
+            for angle in DIRECTIONS:
+                dx, dy = far * math.cos(math.radians(angle)), far * math.sin(math.radians(angle))
+                dx -= box.width / scale * (0.5 - 0.5 * math.cos(math.radians(angle)))
+                dy -= box.height / scale * (0.5 - 0.5 * math.sin(math.radians(angle)))
+                there = box.translated(dx * scale, dy * scale)
+                outside = not (
+                    room.x0 <= there.x0 and there.x1 <= room.x1 and room.y0 <= there.y0 and there.y1 <= room.y1
+                )
+                hits = 10 * sum(there.overlaps(one) for one in taken) + sum(there.overlaps(one) for one in dots)
+                tried.append((hits + 5 * outside, far, len(tried), dx, dy, there))
+        _, far, _, dx, dy, there = min(tried)[:6]
+        text.remove()
+        line = {"arrowstyle": "-", "color": colours[name], "linewidth": 0.6, "shrinkA": 0, "shrinkB": 3}
+        style = {"fontsize": 9, "color": colours[name], "zorder": 4}
+        if far > DISTANCES[1]:
+            style["arrowprops"] = line
+        out.append(axes.annotate(name, point, (dx, dy), textcoords="offset points", **style))
+        taken.append(there.padded(1))
+    return out
+
+
+# ---- failed runs ----
+
+
+def failure_figure(board: Mapping[str, Any]) -> Figure:
+    """Draw the share of failed runs with its 95 % interval, a row for each task: the yardstick, the leader, the recommended."""
+    names = [task["task"] for task in board["tasks"] if _most_runs(board, task["task"]) >= suite.LEAST_SHOWN]
+    names = names or [task["task"] for task in board["tasks"]]
+    figure = new_figure(9.0, 0.34 * len(names) + 1.2)
+    axes = figure.subplots()
+    leader = {task["task"]: task["leader"] for task in board["tasks"]}
+    kinds = (
+        (lambda name: suite.YARDSTICK, suite.YARDSTICK, COLOURS[1], "o", 0.22),
+        (leader.get, "smallest score", COLOURS[2], "D", 0.0),
+        (lambda name: RECOMMENDED, RECOMMENDED, COLOURS[0], "s", -0.22),
+    )
+    for which, label, colour, marker, up in kinds:
+        for i, name in enumerate(names):
+            one = next(
+                (r for r in board["results"] if (r["task"], r["suite"], r["solver"]) == (name, "A", which(name))), None
+            )
+            if one:
+                y, (low, high) = len(names) - 1 - i + up, one["failed_ci"]
+                axes.plot([100 * low, 100 * high], [y, y], color=colour, linewidth=1.2)
+                axes.plot(100 * one["failed"], y, marker, color=colour, markersize=5, label=label)
+                label = "_"
+    finish(axes, "failed runs with 95 % intervals", xlabel="% of runs", xscale="symlog", xlim=(0, 105))
+    axes.set_xscale("symlog", linthresh=2.0, linscale=0.6)
+    ticks = (0, 1, 2, 5, 10, 20, 50, 100)
+    axes.set_xticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    axes.set_xticks([], minor=True)
+    axes.set_yticks(range(len(names)), labels=[suite.short(name) for name in reversed(names)])
+    axes.set_ylim(-0.6, len(names) - 0.4)
+    figure.legend(loc="outside upper right", ncols=len(kinds), frameon=False, fontsize=9)
+    return figure
+
+
+def _most_runs(board: Mapping[str, Any], task: str) -> int:
+    return max((one["runs"] for one in board["results"] if one["task"] == task), default=0)
+
+
+# ---- errors against time ----
+
+
+def time_figure(played: Mapping[str, Sequence[Results]]) -> Figure:
+    """Draw the RMS of the azimuth error against time with 95 % bands, the bound, and the oracle in the same runs."""
+    figure = new_figure(9.0, 4.1)
     panels = figure.subplots(1, 2, sharey=True)
     for axes, (task, (title, solvers)) in zip(panels, TIMES.items(), strict=False):
-        lines = {one.solver: one for one in board.get(task, ())}
+        lines = {one.solver: one for one in played.get(task, ())}
         for i, solver in enumerate(name for name in solvers if name in lines):
             _curve(axes, lines[solver], i)
+        if lines:
+            _yardsticks(axes, lines[next(iter(lines))])
         finish(axes, title, xlabel="time, s", yscale="log")
         if lines:
             axes.legend(frameon=False, fontsize=9, loc="best")
@@ -130,11 +208,25 @@ def time_figure(board: Board) -> Figure:
     return figure
 
 
-def _curve(axes: Axes, one: Results, i: int) -> None:
+def _picked(one: Results) -> tuple[Any, Any]:
+    """Return times, s, and the samples of the history that are drawn."""
     t = np.asarray(one.records.criteria.history_t, dtype=float)
     picked = np.unique(np.linspace(0, len(t) - 1, SAMPLES).round().astype(int))
-    label = f"{one.solver}, {100 * one.summary.success:.0f} % align"
-    band(axes, t[picked], size_of(one.records.history[:, picked][..., [2]], False), DEG, label, i)
-    if i == 0 and one.bound:
-        axes.plot(one.bound.t, one.bound.sigma[:, 2] / DEG, **bound_style(one.bound))
+    return t[picked], picked
+
+
+def _curve(axes: Axes, one: Results, i: int) -> None:
+    t, picked = _picked(one)
+    failed = f"{one.solver}, {100 * one.summary.success:.0f} % align"
+    band(axes, t, size_of(one.records.history[:, picked][..., [2]], False), DEG, failed, i)
     axes.set_xlim(0, t[-1])
+
+
+def _yardsticks(axes: Axes, one: Results) -> None:
+    if one.bound:
+        axes.plot(one.bound.t, one.bound.sigma[:, 2] / DEG, **bound_style(one.bound))
+    if one.oracle is not None:
+        t, picked = _picked(one)
+        size = np.sqrt(np.square(one.oracle.history[:, picked, 2], dtype=float).mean(axis=0)) / DEG
+        line = {"color": "black", "linewidth": 1.2, "linestyle": (0, (1, 1.5)), "zorder": 3}
+        axes.plot(t, size, label="oracle: the bound's filter", **line)

@@ -44,6 +44,14 @@ _ADOPT = (
     "rows of an older version of the code count as made by the present one if the rows that are run again, at least one of "
     "each solver and task, are equal; the file keeps who, when, which versions and how many rows"
 )
+_SUBMIT_CODES = (
+    "The bundle has the rows, the solver's name and Python files with their hashes, provenance and the board. Checked before: "
+    "no run is missing, and random rows give the same scores again. Exit code 1: they do not, and nothing is written."
+)
+_JUDGE_CODES = (
+    "Nothing of the bundle is imported or run. Play the solver on the hidden suite in the folder that --out makes: sins-env "
+    "eval --solver MODULE:FACTORY --seed - --db HIDDEN; then --db HIDDEN shows both. docs/contest.md has every step."
+)
 _MERGE_CODES = (
     "A run that several files have is there once. Exit code 1: runs of one key that differ, or a task with other criteria, "
     "definition, world or bound; each is named, and nothing is written. Other code and other versions of a task are told."
@@ -173,6 +181,21 @@ def _publish(verb: Verb) -> None:
     sub.add_argument("--quick", action="store_true", help="few runs, for a first look")
     sub.add_argument("--out", default="reproduction", metavar="DIR", help="for REPRODUCTION.md and the runs")
     _add_workers(sub)
+
+    sub = verb("submit", "verbs.contest:submit", "a bundle of a solver's rows for the holder of a board", _SUBMIT_CODES)
+    sub.add_argument("file", metavar="FILE", help="results file, made without --seed")
+    sub.add_argument("solver", metavar="SOLVER", help="as it is called in the file; it is run again, and so imported")
+    several(sub, "--task", help="these tasks only")
+    sub.add_argument("--rows", type=count, default=20, metavar="N", help="rows to run again (default 20)")
+    _add_draw(sub)
+    sub.add_argument("--out", default="submission.zip", metavar="FILE", help="the bundle (default submission.zip)")
+    _add_settings(sub)
+    _add_workers(sub)
+
+    sub = verb("judge", "verbs.contest:judge", "a bundle: what it claims, beside a hidden suite", _JUDGE_CODES)
+    sub.add_argument("bundle", metavar="BUNDLE", help="what sins-env submit has written, of a stranger perhaps")
+    sub.add_argument("--out", metavar="DIR", help="new folder for the rows and the Python files of the solver")
+    sub.add_argument("--db", metavar="FILE", help="results file of the hidden suite, to show both")
 
     sub = verb(
         "suite-hash", "verbs.results_file:suite", "the hash of a secret suite seed, to be published first", _SUITE

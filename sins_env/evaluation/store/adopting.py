@@ -14,6 +14,7 @@ from itertools import groupby
 from typing import NamedTuple
 
 from sins_env.evaluation import monte_carlo
+from sins_env.evaluation.bound import oracle
 from sins_env.evaluation.estimators import version
 from sins_env.evaluation.play.executors import Runner
 from sins_env.evaluation.store.key import Key
@@ -41,7 +42,7 @@ def older(store: Store, tasks: Sequence[str] = (), solvers: Sequence[str] = ()) 
     """
     codes: dict[str, str] = {}
     found: dict[tuple[str, ...], Key] = {}
-    for key in store.keys(tasks, solvers, every_code=True):
+    for key in store.keys(tasks, solvers, every_code=True, oracles=True):
         code = codes.setdefault(key.solver, _present(key.solver))
         if key.code != code and store.runs_of(key) - store.runs_of(replace(key, code=code)):
             found[key.task, key.suite, key.solver, key.settings] = key
@@ -51,7 +52,7 @@ def older(store: Store, tasks: Sequence[str] = (), solvers: Sequence[str] = ()) 
 def _present(solver: str) -> str:
     """Return the present version of the code; empty for a solver that is not there, of which ``verify`` says so."""
     try:
-        return version.code_version(solver)
+        return version.code_version(None if solver == oracle.SOLVER else solver)
     except ValueError:
         return ""
 
