@@ -24,7 +24,7 @@ from solvers.pipeline.strapdown import end_rate
 from solvers.types import Measurement
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Ins:
     """The INS at the end of an epoch, and what an aid may ask of the epoch."""
 
