@@ -158,13 +158,24 @@ class Shown:
     expected: Array  #: (..., rows), reading at the INS
 
     def __call__(self, x: Array) -> Array:
-        expected = self.expected[..., None, :] if self._points(x) else self.expected
-        return expected - self.sensor.value(self.without(x))
+        return self._value(x, self.without(x))
 
     def jacobian(self, x: Array) -> Array:
         """Return dh / dx (..., rows, n) at x (..., n)."""
+        return self._slope(x, self.without(x))
+
+    def value_and_jacobian(self, x: Array) -> tuple[Array, Array]:
+        """Return h and dh / dx at x (..., n)."""
+        s = self.without(x)
+        return self._value(x, s), self._slope(x, s)
+
+    def _value(self, x: Array, s: State) -> Array:
+        expected = self.expected[..., None, :] if self._points(x) else self.expected
+        return expected - self.sensor.value(s)
+
+    def _slope(self, x: Array, s: State) -> Array:
         states, phi = self.sensor.states, x[..., self.sensor.states["phi"]]
-        slopes = self.sensor.slopes(self.without(x))
+        slopes = self.sensor.slopes(s)
         J = np.zeros((*x.shape[:-1], self.sensor.rows, states.size))
         if "turn" in slopes:
             turn = attitude.misalignment_dcm(phi).mT @ attitude.misalignment_rate_matrix(phi)

@@ -114,6 +114,7 @@ class Joined:
 
     def __init__(self, parts: Sequence[Part]) -> None:
         self.parts = tuple(parts)
+        self.size = sum(m for _, m in parts)
 
     def __call__(self, x: Array) -> Array:
         shape = x.shape[:-1]
@@ -121,11 +122,18 @@ class Joined:
 
     def jacobian(self, x: Array) -> Array:
         """Return the Jacobian (..., m, n) at x (..., n)."""
-        shape, blocks = x.shape[:-1], []
+        return self.value_and_jacobian(x)[1]
+
+    def value_and_jacobian(self, x: Array) -> tuple[Array, Array]:
+        """Return the value (..., m) and the Jacobian (..., m, n) at x (..., n)."""
+        shape, n = x.shape[:-1], x.shape[-1]
+        y, J, end = np.zeros((*shape, self.size)), np.zeros((*shape, self.size, n)), 0
         for h, m in self.parts:
-            H = np.zeros((m, x.shape[-1])) if h is None else tangent(h, x, np.zeros_like(x))[1]
-            blocks.append(np.broadcast_to(H, (*shape, m, x.shape[-1])))
-        return np.concatenate(blocks, axis=-2)
+            here = slice(end, end + m)
+            end += m
+            if h is not None:
+                y[..., here], J[..., here, :] = tangent(h, x, np.zeros_like(x))
+        return y, J
 
 
 def fits(innovation: Innovation, rows: Mapping[str, slice]) -> dict[str, Array]:
