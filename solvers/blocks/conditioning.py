@@ -99,8 +99,8 @@ def condition_affine(prior: Gaussian, h: Affine, R: Array, z: Array) -> tuple[Ga
 
 def advance_affine(
     x: Gaussian, f: Affine, Q: Array, h: Callable[[Array], Affine | None], R: Array, z: Array
-) -> tuple[Gaussian, Innovation] | None:
-    """Return the Gaussian of f(x) + w, w ~ N(0, Q), given z = h(x) + v, and the innovation: both steps in one kernel.
+) -> tuple[Array, Array, Array, Array] | None:
+    """Return mean and covariance of f(x) + w, w ~ N(0, Q), given z = h(x) + v, with residual and S: both steps in one kernel.
 
     ``h`` gives the affine map that stands for h, for the predicted mean. The results have the bits of the steps one by one.
     None: these are needed, for there is no such map, it has as many rows as states, some S needs a repair, or a result is not
@@ -108,12 +108,14 @@ def advance_affine(
     """
     ahead, P, _ = products(f, x)
     line = h(ahead)
-    if line is None or line.map.matrix.shape[-2] >= x.mean.shape[-1]:
+    if line is None:
         return None
     (H, offset), value = line
+    if H.shape[-2] >= H.shape[-1]:
+        return None
     given, known = _prediction(H, offset, value)
     mean, cov, residual, S, bad = _advanced(ahead, P, Q, H, given, known, R, z)
-    return None if some(bad) else (Gaussian(mean, cov), Innovation(residual, S))
+    return None if some(bad) else (mean, cov, residual, S)
 
 
 def _prediction(H: Array, offset: Array | None, value: Array | None) -> tuple[Array, bool]:
@@ -151,9 +153,10 @@ def _advanced(
     if bad[0]:
         return
     for i in range(n):
-        size += abs(mean[i])
+        row = abs(mean[i])
         for j in range(i + 1):
-            size += abs(cov[i, j])
+            row += abs(cov[i, j])
+        size += row
     bad[0] = not size < math.inf
 
 

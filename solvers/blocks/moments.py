@@ -279,14 +279,23 @@ def tangent_moments(g: Function, x: Gaussian, at: Array) -> tuple[Moments, Array
 def _tangent_at(g: Function, at: Array, cov: Array | None) -> tuple[Array, Array]:
     """Return value (..., m) and Jacobian (..., m, n) of g, with differences in units of the covariance (..., n, n) if needed."""
     known = _known_tangent(g, at)
-    return _differences(g, at, standard_deviations(cov)) if known is None else known
+    if known is not None:
+        return known
+    assert cov is not None, "a g without its own Jacobian needs it"
+    return _differences(g, *_stencil_of(at, cov, _signs(at.shape[-1])))
 
 
 @kernel("(n,n)->(n)")
 def standard_deviations(P: Array, out: Array) -> None:
     """Return the standard deviations (..., n) of a covariance (..., n, n); zero for a negative variance."""
     for i in range(len(P)):
-        out[i] = 0.0 if P[i, i] < 0.0 else math.sqrt(P[i, i])
+        out[i] = deviation(P[i, i])
+
+
+@helper
+def deviation(variance: float) -> float:
+    """Return the square root of a variance; zero for a negative one."""
+    return 0.0 if variance < 0.0 else math.sqrt(variance)
 
 
 def tangent(g: Function, x: Array, scale: Array) -> tuple[Array, Array]:
@@ -297,7 +306,7 @@ def tangent(g: Function, x: Array, scale: Array) -> tuple[Array, Array]:
     smaller than rounding allows.
     """
     known = _known_tangent(g, x)
-    return _differences(g, x, scale) if known is None else known
+    return _differences(g, *_stencil(x, scale, _signs(x.shape[-1]))) if known is None else known
 
 
 def _known_tangent(g: Function, x: Array) -> tuple[Array, Array] | None:
@@ -311,9 +320,8 @@ def _known_tangent(g: Function, x: Array) -> tuple[Array, Array] | None:
     return None if slope is None else (g(x), slope(x))
 
 
-def _differences(g: Function, x: Array, scale: Array) -> tuple[Array, Array]:
-    """Return value and Jacobian of g by central differences."""
-    grid, width = _stencil(x, scale, _signs(x.shape[-1]))
+def _differences(g: Function, grid: Array, width: Array) -> tuple[Array, Array]:
+    """Return value and Jacobian of g by central differences, from points and distances as ``_stencil`` has them."""
     value, J = _slope(g(grid), width)
     return value, J
 
@@ -326,18 +334,28 @@ def _signs(n: int) -> Array:
 
 @kernel("(n),(n),(p,n)->(p,n),(n)")
 def _stencil(x: Array, scale: Array, signs: Array, grid: Array, width: Array) -> None:
-    """Fill in the points of central differences, and the distances between the two of each state as they are after rounding."""
-    n = len(x)
-    for j in range(n):
-        h, least = STEP * scale[j], RELATIVE_STEP * abs(x[j])
-        if h - least != h - least:  # NaN, which a comparison by size would report
-            h = np.nan
-        elif h < least:
-            h = least
-        h = RELATIVE_STEP if h == 0.0 else h
-        for i in range(len(signs)):
-            grid[i, j] = x[j] + signs[i, j] * h
-        width[j] = grid[j, j] - grid[n + j, j]
+    for j in range(len(x)):
+        put_step(x[j], scale[j], j, signs, grid, width)
+
+
+@kernel("(n),(n,n),(p,n)->(p,n),(n)")
+def _stencil_of(x: Array, P: Array, signs: Array, grid: Array, width: Array) -> None:
+    for j in range(len(x)):
+        put_step(x[j], deviation(P[j, j]), j, signs, grid, width)
+
+
+@helper
+def put_step(x: float, scale: float, j: int, signs: Array, grid: Array, width: Array) -> None:
+    """Fill in state j of the points of central differences, and the distance between its two as it is after rounding."""
+    h, least = STEP * scale, RELATIVE_STEP * abs(x)
+    if h - least != h - least:  # NaN, which a comparison by size would report
+        h = np.nan
+    elif h < least:
+        h = least
+    h = RELATIVE_STEP if h == 0.0 else h
+    for i in range(len(signs)):
+        grid[i, j] = x + signs[i, j] * h
+    width[j] = grid[j, j] - grid[len(width) + j, j]
 
 
 @kernel("(p,m),(n)->(m),(m,n)")

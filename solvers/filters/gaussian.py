@@ -75,8 +75,9 @@ class GaussianFilter(BatchFilter[B]):
                 x = Gaussian(mean, cov)
                 found = advance_affine(x, f, tr.Q, lambda ahead: affine(h, ahead, None, rule), me.R, me.z)
                 if found is not None:
-                    health = Health(epoch + 1, repairs, failed_at, fallbacks)
-                    return cast(B, Belief(*found[0], health)), found[1]
+                    mean, cov, residual, S = found
+                    after = Belief(mean, cov, Health(epoch + 1, repairs, failed_at, fallbacks))
+                    return cast(B, after), Innovation(residual, S)
         return super().advance(b, tr, me)
 
     def predict(self, b: B, tr: Transition) -> B:

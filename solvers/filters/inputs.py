@@ -260,10 +260,7 @@ class Checked:
         return None if self._both is None else self._checked_both
 
     def _checked_slope(self, x: Array) -> Array:
-        J = self._slope(x)
-        if type(J) is np.ndarray and J.shape == (self._size, x.shape[-1]) and J.dtype.char == "d":
-            return J
-        return self._fitting_slope(x, J)
+        return self._fitting_slope(x, self._slope(x))
 
     def _checked_both(self, x: Array) -> tuple[Array, Array]:
         y, J = self._both(x)
@@ -271,7 +268,9 @@ class Checked:
 
     def _fitting_slope(self, x: Array, J: Any) -> Array:
         """Return the Jacobian at x (..., n) as an array (..., size, n), or (size, n) for all."""
-        J, needed = numbers(f"Jacobian of {self._name}", J), (self._size, x.shape[-1])
+        needed = self._size, x.shape[-1]
+        if type(J) is not np.ndarray or J.dtype.char != "d":
+            J = numbers(f"Jacobian of {self._name}", J)
         if J.shape[-2:] != needed or J.ndim > x.ndim + 1:
             whole = (*x.shape[:-1], *needed)
             or_one = "" if whole == needed else f", or {needed} for all runs and points"
@@ -287,8 +286,7 @@ class Checked:
             y = self._g(seen)
         except ValueError:  # a function that works in place gets an array of its own; another one fails again
             y = self._g(x.copy())
-        if type(y) is not np.ndarray or y.dtype.char != "d" or y.shape != (*x.shape[:-1], self._size):
-            y = self._fitting(x, y)
+        y = self._fitting(x, y)
         return x.copy() if y is seen else y
 
     def __getattr__(self, name: str) -> Any:
@@ -299,7 +297,9 @@ class Checked:
 
     def _fitting(self, x: Array, y: Any) -> Array:
         """Return the values at x (..., n) as an array (..., size)."""
-        y, needed = numbers(self._name, y), (*x.shape[:-1], self._size)
+        needed = *x.shape[:-1], self._size
+        if type(y) is not np.ndarray or y.dtype.char != "d":
+            y = numbers(self._name, y)
         if y.shape == needed:
             return y
         raise ValueError(
