@@ -26,10 +26,10 @@ SHARED = 0.9  #: correlation of the errors of two solvers
 SEED = 20110607
 TOGETHER = 250  #: number of samples that are resampled together, limited by memory
 
-#: How errors of each law come from standard normal ones, with a generator for the rest.
+#: How errors of each law come from standard normal ones, with a generator for the rest. That of Student-t has unit variance.
 LAWS: dict[str, Callable[[Array, np.random.Generator], Array]] = {
     "Gaussian": lambda x, rng: x,
-    "Student-t, 3 degrees of freedom": lambda x, rng: x / np.sqrt(rng.chisquare(3, x.shape) / 3),
+    "Student-t, 3 degrees of freedom": lambda x, rng: x / np.sqrt(rng.chisquare(3, x.shape)),
     "1 % of runs at 20 times": lambda x, rng: x * np.where(rng.random(x.shape) < 0.01, 20.0, 1.0),
     "3 % of runs at 1000 times": lambda x, rng: x * np.where(rng.random(x.shape) < 0.03, 1000.0, 1.0),
 }

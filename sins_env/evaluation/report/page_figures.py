@@ -15,7 +15,7 @@ from sins_env.evaluation.score.metrics import success_profile
 from sins_env.evaluation.score.quantities import QUANTITIES
 from sins_env.evaluation.score.resampling import NO_INTERVAL, Interval
 from sins_env.evaluation.score.results import Results
-from sins_env.evaluation.show.cells import aligned_text
+from sins_env.evaluation.show.cells import aligned_text, score
 from sins_env.evaluation.show.error_figure import error_curve, size_of
 from sins_env.evaluation.show.numbers import angle_text, number_text
 from sins_env.evaluation.show.style import oracle_style
@@ -41,7 +41,7 @@ def _best(lineup: Lineup, say: Any) -> str:
     return ", ".join(f"{one.label} {say(one)}" for one in lineup.lines[:5]) + more
 
 
-def _shown(one: Results, axis: str = "U") -> str:
+def _shown(one: Results, axis: str) -> str:
     text = angle_text(one.summary.rms[axis])
     return text if text.endswith("°") else f"{text}″"
 
@@ -112,8 +112,8 @@ class Curve(NamedTuple):
         """Return the errors of the best solvers in words, for the description of the figure."""
         if lineup.lines[0].summary.navigation is None:
             azimuth = self.quantity == "azimuth"
-            say = _shown if azimuth else lambda one: f"{_shown(one, 'E')} east, {_shown(one, 'N')} north"
-            return f"In the steady state: {_best(lineup, say)}"
+            say = _main if azimuth else lambda one: f"{_shown(one, 'E')} east, {_shown(one, 'N')} north"
+            return f"{'Scores' if azimuth else 'In the steady state'}: {_best(lineup, say)}"
         return f"Mean over time, {self.unit_name}: {_best(lineup, lambda one: number_text(_averaged(one, self.quantity)[0]))}"
 
 
@@ -156,13 +156,15 @@ def _failed(lineup: Lineup) -> Drawing:
         )
     said = _best(lineup, lambda one: f"{one.verdict.failures} of {one.verdict.runs}")
     title, count = "Failed runs", len(lineup.lines)
+    top = min(103.0, 110.0 * max(one.verdict.failed_ci[1] for one in lineup.lines))
     svg = panel.svg(
         title,
         f"Share of failed runs with 95 % intervals, in the order of the table. {said}.",
         xlabel="place in the table",
         ylabel="% of runs",
-        ylim=(-3, 103),
+        ylim=(-0.03 * top, top),
         xlim=(0.4, count + 0.6),
+        xticks=[*range(1, count + 1, max(count // 8, 1))],
     )
     return Drawing(title, "with the 95 % interval of Clopper and Pearson", svg)
 
@@ -276,9 +278,8 @@ def _has_error(one: Results) -> bool:
 
 
 def _main(one: Results) -> str:
-    """Return the main score with its unit."""
-    score = one.main_score
-    return _shown(one) if one.summary.navigation is None else f"{number_text(score.value)} {score.unit}"
+    """Return the score with its unit."""
+    return score(one).value.replace('"', "″")
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -61,7 +61,7 @@ def test_in_chromium(browser, url, width, dark, scripts):
         assert shown.value("document.documentElement.scrollWidth") <= width
 
         figures = shown.value(SVGS)
-        assert sum(one["plot"] for one in figures) == 7
+        assert sum(one["plot"] for one in figures) == 8
         for one in figures:
             assert one["sized"]
             assert one["named"]
