@@ -47,7 +47,7 @@ def url(page, tmp_path_factory):  # noqa: F811
 
 
 def arcsec(text):
-    return float(text.rstrip("°").replace(",", "")) * (3600 if text.endswith("°") else 1)
+    return float(text.rstrip('°"').replace(",", "")) * (3600 if text.endswith("°") else 1)
 
 
 @pytest.mark.parametrize("scripts", [True, False], ids=["", "no-scripts"])
@@ -71,11 +71,11 @@ def test_in_chromium(browser, url, width, dark, scripts):
                 assert one["width"] / one["height"] == pytest.approx(400 / 290, rel=0.01)
                 assert 0 <= one["left"] < one["right"] <= width
 
-        ranks, names, rms = zip(*shown.value(TABLE), strict=True)
+        ranks, names, scores = zip(*shown.value(TABLE), strict=True)
         assert names[0] == "better"
         assert len(names) == 5
-        assert [int(rank) for rank in ranks] == sorted(int(rank) for rank in ranks)
-        assert [arcsec(one) for one in rms] == sorted(arcsec(one) for one in rms)
+        assert set(ranks) == {"-"}  # too few runs
+        assert [arcsec(one) for one in scores] == sorted(arcsec(one) for one in scores)
 
         back = [int(v) for v in re.findall(r"\d+", shown.value("getComputedStyle(document.body).backgroundColor"))]
         assert (max(back) < 60) if dark else (min(back) > 240)
