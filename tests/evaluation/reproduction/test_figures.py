@@ -76,7 +76,7 @@ def test_algorithm_1_is_more_uniform_than_pseudo_random_points():
 
 
 def test_a_flight_path_is_that_of_the_plan():
-    """001: north, then quarter circles, and back on the ground after 900 s at a height of 380 m."""
+    """001: north from a height of 380 m, and two quarter circles at 2 m/s, within 900 s."""
     above, height = path("x", "", sun2012.DRAWN).draw([]).axes
     east, north = above.lines[0].get_data()
     assert north[200] > 150.0 / 1000

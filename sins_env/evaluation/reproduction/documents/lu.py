@@ -23,7 +23,7 @@ from sins_env.evaluation.reproduction.verdicts import LARGER, SMALLER, Said
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask
 
-RUNS, QUICK = 40, 3
+RUNS, QUICK = 200, 3
 
 GAUSS, MIXTURE = get_task("flight-lu-gauss-v0"), get_task("flight-lu-mixture-v0")
 ALPHA = {"alpha": 1.345}

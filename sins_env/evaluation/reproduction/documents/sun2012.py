@@ -131,7 +131,7 @@ TABLES = (
         pictures=(
             path(
                 "001-figure-1",
-                "The flight of 001 as its text gives it: 2 m/s, quarter circles, a climb and a descent; after figure 1.",
+                "The flight of 001 as its text gives it: 2 m/s, two quarter circles and a climb; after figure 1.",
                 DRAWN,
             ),
             _over_time("001-table-1", "2, 4 and 5", ("azimuth", "pitch", "position")),
