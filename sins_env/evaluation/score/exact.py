@@ -39,6 +39,7 @@ def share(part: int, runs: int) -> Estimate:
     return part / runs, (low, high)
 
 
+@lru_cache(maxsize=64)
 def median_ranks(runs: int) -> tuple[int, int] | None:
     """Return the ranks, from 1, of the ends of the interval of a median; None for fewer than six runs."""
     from scipy import special  # slow to import
