@@ -28,7 +28,7 @@ SHELL = [
     if line.startswith("sins-env ")
 ]
 #: The commands that only read a results file; they are given that of ``make board``.
-READERS = ("board", "compare", "report", "export", "verify", "merge")
+READERS = ("board", "compare", "report", "export", "verify", "merge", "submit")
 #: Settings with which the tasks of the commands are short; what is to hold, holds for HOLD_S seconds.
 SHORTER: dict[str, dict[str, Any]] = {
     "sway-white-v0": {"duration": 30.0},
