@@ -110,13 +110,15 @@ def started(one: Fresh) -> tuple[float, float]:
     """Run a process, and return its CPU time in s and its largest memory in MiB.
 
     Raises:
-        subprocess.CalledProcessError: it fails.
+        SystemExit: it fails.
     """
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", **({FOLDER: folder} if one.cold else {})}
         line = [sys.executable, "-c", LAUNCHER, sys.executable, "-c", one.code, *one.arguments]
-        told = subprocess.run(line, stdout=subprocess.PIPE, text=True, env=environment, check=True).stdout
-    cpu, memory = map(float, told.split())
+        done = subprocess.run(line, capture_output=True, text=True, env=environment)
+    if done.returncode:
+        raise SystemExit(f"{one.what} ended with {done.returncode}: {done.stderr}")
+    cpu, memory = map(float, done.stdout.split())
     return cpu, memory
 
 
