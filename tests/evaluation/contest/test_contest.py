@@ -222,6 +222,14 @@ FORGED = {
     "many files": (lambda members: members.update({f"solver/a{i}.py": b"" for i in range(400)}), {}, "403 files; allowed"),
     "a bomb": (lambda members: members.update({"solver/a.py": bytes(1 << 30)}), {}, "it inflates to "),
     "another hash": (lambda members: None, {"files": {}}, "and the members differ in board.md"),
+    "changed files": (
+        lambda members: None, {"files": dict.fromkeys(("board.md", "results.sqlite", "solver/mine.py"), "0" * 64)},
+        "has the SHA-256 ",
+    ),
+    "a run left out": (
+        sql("DELETE FROM runs WHERE run = 0 AND solver = 'mine:Still'"), {"runs": {"short-v0": RUNS - 1}},
+        "allowed: the first runs of the public suite, none left out",
+    ),
     "another format": (lambda members: None, {"format": 2}, "of no format that this version reads; allowed: 1"),
     "another kind": (lambda members: None, {"runs": {"short-v0": "many"}}, "submission.json: runs is missing, unknown or of"),
     "an unknown claim": (lambda members: None, {"run": "rm"}, "submission.json: run is missing, unknown or of"),
