@@ -85,13 +85,12 @@ class Play:
     def play(self, portion: Portion, later: Sequence[Portion] = ()) -> None:
         """Make the missing runs of a portion; ``later`` are those that follow, for the time left."""
         planned_s, begin = self.missing_s([portion]), time.monotonic()
-        if not any(one.missing(self.store) for one in portion.evaluations(self.most)):
-            return
         runs = len(portion.evaluations(self.most)[0].runs)
         title = f"{suite.short(portion.task)}, suite {portion.suite}"
         left = self.left([portion, *later])
         gone = timedelta(seconds=round(begin - self.begin))
-        remark(f"{gone} {title}: {len(portion.solvers)} solvers, {runs} runs; {left}")
+        if any(one.missing(self.store) for one in portion.evaluations(self.most)):
+            remark(f"{gone} {title}: {len(portion.solvers)} solvers, {runs} runs; {left}")
         fill(
             self.store,
             portion.evaluations(self.most),
