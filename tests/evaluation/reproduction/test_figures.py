@@ -135,7 +135,7 @@ def test_a_smoother_leaves_the_end_and_steadies_what_came_before(short, monkeypa
 
 
 def test_what_it_costs_to_take_a_wandering_bias_for_constant():
-    """Nothing if none wanders; with one that wanders fast, much."""
+    """Nothing if none wanders, and 4.4 % with one that wanders fast; over 600 s of the thesis it is the 1.003 found elsewhere."""
     base = dataclasses.replace(thesis_excess.BASES[thesis_excess.MARKOV])
     kwargs = {**base.kwargs, "duration": 60.0}
     thesis = {"preset": "thesis-markov"}
@@ -146,4 +146,4 @@ def test_what_it_costs_to_take_a_wandering_bias_for_constant():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(thesis_excess, "TIMES_S", (60.0,))
         assert thesis_excess.for_constant(slow)[60.0] == pytest.approx(1.0, abs=1e-9)
-        assert thesis_excess.for_constant(fast)[60.0] > 1.03
+        assert thesis_excess.for_constant(fast)[60.0] == pytest.approx(1.0437, abs=5e-4)
