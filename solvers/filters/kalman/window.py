@@ -21,6 +21,7 @@ Departures: no damping; a step that raises the sum of squares is not taken.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -34,9 +35,12 @@ from solvers.blocks.moments import standard_deviations, tangent
 from solvers.filters.base import choose
 from solvers.filters.gaussian import Belief
 from solvers.filters.kalman.kf import KF
+from solvers.filters.mixtures.angles import least_known_angle, slices
 from solvers.types import Function, Gaussian, Health, Innovation, Linear, Measurement, Transition
 
 WORSE = 9.0  #: growth of the sum of squares at which a Gauss-Newton step is not taken: three standard deviations of one
+FROM_AFAR = 30  #: largest number of steps from another start
+MOST = 36  #: largest number of other starts
 FILTER = KF()  #: the filter by which a linear problem is eliminated
 
 Moves = tuple[tuple[Function, Callable[[Array], Array]], ...]  #: moves of the state, each with its Jacobian
@@ -69,6 +73,7 @@ class Node(NamedTuple):
     last: Array  #: (..., n), the state after it at which the tangent of h is
     f: Linear  #: the tangent of f
     surprise: Array  #: (...), normalised innovation squared of the fix; 0 without one
+    seen: Array  #: (...), number of components of the fix
 
 
 class WindowBelief(NamedTuple):
@@ -100,6 +105,7 @@ class WindowFilter:
     relinearise_s: float = 5.0  #: s, time from one set of tangents to the next; 0: at each fix
     iterations: int = 3  #: largest number of Gauss-Newton steps then
     tolerance: float = 0.05  #: move of a state, in standard deviations, below which its run keeps its tangents
+    spacing_deg: float = 360.0  #: largest width of a slice of an unknown angle, from which a lost run seeks a maximum
     batched = True
     feedback = "closed"  #: feedback into the INS, unless a setting says otherwise
     coordinates = "invariant"  #: coordinates of the errors, unless a setting says otherwise
@@ -109,6 +115,7 @@ class WindowFilter:
         keep(self, "relinearise_s", number, "a number of seconds", least=0.0, infinite=True)
         keep(self, "iterations", whole, least=0, most=1000)
         keep(self, "tolerance", number, least=0.0)
+        keep(self, "spacing_deg", number, above=0.0, most=360.0)
 
     def init(self, prior: Gaussian, rng: Any = None) -> WindowBelief:
         return self.begin(FILTER.init(prior, rng))
@@ -148,12 +155,30 @@ class WindowFilter:
         return max(1, round(min(self.window_s / length(tr), 1e9)))
 
     def _solve(self, past: tuple[Node, ...], inner: Belief, due: Mask) -> tuple[tuple[Node, ...], Belief]:
-        """Take Gauss-Newton steps until no state of the runs (...) that are due moves.
+        """Return the window with tangents at a maximum, in the runs (...) that are due.
+
+        It is the one near the present tangents. A run whose fixes it does not explain seeks a better one from other starts.
+        """
+        best, last, _ = self._climb(past, inner, due, self.iterations)
+        lost = due & improbable(best)
+        if self.spacing_deg < 360.0 and lost.any():
+            for start, own in starts(past[0], math.radians(self.spacing_deg)):
+                if (own & lost).any():
+                    nodes, state, settled = self._climb(*along(past, shoot(past, start)), own & lost, FROM_AFAR)
+                    better = settled & (misfit(nodes) < misfit(best))
+                    if better.any():
+                        best, last = choose(better, (nodes, state), (best, last))
+        return best, last
+
+    def _climb(
+        self, past: tuple[Node, ...], inner: Belief, where: Mask, steps: int
+    ) -> tuple[tuple[Node, ...], Belief, Mask]:
+        """Take Gauss-Newton steps until no state of the runs ``where`` (...) moves; the last result is whether they have settled.
 
         A run that has stopped keeps its tangents, and so does one whose fixes a step explains worse.
         """
-        going = due
-        for _ in range(self.iterations):
+        well = going = where & (inner.health.failed_at < 0)
+        for _ in range(steps):
             path = substitute(past, inner)
             going = going & self._moves(past, path)
             if not going.any():
@@ -162,8 +187,8 @@ class WindowFilter:
             better = (misfit(after) <= misfit(past) + WORSE) & (state.health.failed_at < 0)
             if (going & ~better).any():
                 after, state = choose(better | ~going, (after, state), (past, inner))
-            past, inner, going = after, state, going & better
-        return past, inner
+            past, inner, well, going = after, state, well & (better | ~going), going & better
+        return past, inner, well & ~going
 
     def _moves(self, past: tuple[Node, ...], path: list[Array]) -> Mask:
         """Return the runs (...) in which a state has left its tangent by more than the tolerance."""
@@ -188,21 +213,56 @@ def eliminate(
     if me is not None and not isinstance(me.h, Linear):
         me = me._replace(h=touching(*tangent(me.h, last, scale), last))
     after, innovation = FILTER.advance(before, step.tr._replace(f=f), me)
-    surprise = np.zeros(first.shape[:-1]) if innovation is None else nis(present(innovation))
-    return Node(step, before, first, last, f, surprise), after, innovation
+    surprise = seen = np.zeros(first.shape[:-1])
+    if innovation is not None:
+        surprise, seen = nis(present(innovation)), (~np.isnan(innovation.residual)).sum(axis=-1)
+    return Node(step, before, first, last, f, surprise, seen), after, innovation
 
 
-def along(past: tuple[Node, ...], path: list[Array], where: Mask) -> tuple[tuple[Node, ...], Belief]:
-    """Eliminate a window again, with tangents along the states of ``path`` in the runs of the mask (...).
+def along(past: tuple[Node, ...], path: list[Array], where: Mask | None = None) -> tuple[tuple[Node, ...], Belief]:
+    """Eliminate a window again, with tangents along the states of ``path`` in the runs of the mask (...), None: all.
 
     Return its nodes, and the belief at its end.
     """
     nodes, state = [], past[0].before
     for node, first, last in zip(past, path[:-1], path[1:], strict=True):
-        there = (np.where(where[..., None], new, old) for new, old in ((first, node.first), (last, node.last)))
-        again, state, _ = eliminate(node.step, state, *there)
+        if where is not None:
+            first, last = (
+                np.where(where[..., None], new, old) for new, old in ((first, node.first), (last, node.last))
+            )
+        again, state, _ = eliminate(node.step, state, first, last)
         nodes.append(again)
     return tuple(nodes), state
+
+
+def starts(node: Node, spacing: float) -> list[tuple[Array, Mask]]:
+    """Return states (..., n) before an epoch in slices of the angle that is least known, of at most ``spacing`` rad.
+
+    Each comes with a mask (...) of the runs that it is for; one whose angle is known better than half a slice has none. The other
+    states follow their regression on the angle.
+    """
+    x, P = node.before.mean, node.before.cov
+    axis = least_known_angle(node.step.tr.f, x, P)
+    here = np.maximum(axis, 0)[..., None]
+    column = np.take_along_axis(P, here[..., None], axis=-1)[..., 0]
+    variance = np.where(axis >= 0, np.take_along_axis(column, here, axis=-1)[..., 0], 0.0)
+    offsets, weights, _ = slices(np.where(np.isfinite(variance), variance, 0.0), spacing, MOST)
+    own = (weights > 0.0) & ((weights > 0.0).sum(axis=-1, keepdims=True) > 1)
+    if not own.any():
+        return []
+    step = column / np.where(variance > 0.0, variance, 1.0)[..., None]
+    return [(x + offsets[..., i, None] * step, own[..., i]) for i in range(own.shape[-1])]
+
+
+def shoot(past: tuple[Node, ...], start: Array) -> list[Array]:
+    """Return the states (..., n) of the window that follow ``start`` (..., n) without noise."""
+    path = [start]
+    for node in past:
+        x = path[-1]
+        for g, _ in node.step.moves:
+            x = g(x)
+        path.append(node.step.tr.f(x))
+    return path
 
 
 def substitute(past: tuple[Node, ...], last: Belief) -> list[Array]:
@@ -221,6 +281,12 @@ def substitute(past: tuple[Node, ...], last: Belief) -> list[Array]:
 def misfit(past: tuple[Node, ...]) -> Array:
     """Return the least value (...) of the linearised problem: the sum of the normalised innovations squared."""
     return np.sum([node.surprise for node in past], axis=0)
+
+
+def improbable(past: tuple[Node, ...]) -> Mask:
+    """Return whether the misfit (...) is beyond its mean by five standard deviations or more, or is not finite."""
+    count = np.sum([node.seen for node in past], axis=0)
+    return np.asarray(~(misfit(past) < count + 5.0 * np.sqrt(2.0 * count)))
 
 
 def present(innovation: Innovation) -> Innovation:

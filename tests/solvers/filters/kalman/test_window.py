@@ -98,6 +98,28 @@ def test_up_to_one_epoch_it_is_the_iterated_filter_to_the_bit(window):
         smoothing.smooth(make_filter("iekf", window_s=1.5), prior, steps)
 
 
+def turning(x):
+    """An angle that stays, and what is read of it: the sine of its triple well, and its cosine badly."""
+    y = x.copy()
+    y[..., 1], y[..., 2] = np.sin(3.0 * x[..., 0]), np.cos(x[..., 0])
+    return y
+
+
+def test_other_starts_find_the_higher_maximum():
+    """Of the six angles that the sine allows: steps from the prior end in the nearest one, those from slices do not."""
+    angles, R = np.array([3.0, 0.1]), np.diag([1e-4, 0.1])
+    prior = Gaussian(np.zeros((2, 3)), np.diag([2.5, 1e-4, 1e-4]))
+    z = np.stack([np.sin(3.0 * angles), np.cos(angles)], axis=-1)
+    steps = [(Transition(turning, 1e-8 * np.eye(3)), Measurement(z, Linear(np.eye(3)[1:]), R))] * 4
+    alone, many = (
+        play(WindowFilter(9.0, relinearise_s=4.0, iterations=8, spacing_deg=s), prior, steps)[-1].now.mean[:, 0]
+        for s in (360.0, 30.0)
+    )
+    np.testing.assert_allclose(many, angles, atol=0.05)
+    assert abs(alone[0] - 3.0) > 0.5
+    np.testing.assert_array_equal(alone[1], many[1])
+
+
 def test_what_leaves_the_window_is_the_schur_complement():
     """The Gaussian before the window: what is left of the dense information matrix without the states that have gone."""
     prior, steps = pendulum(5, steps=6, missing=0.0)
