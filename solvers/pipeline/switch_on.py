@@ -24,9 +24,7 @@ from sins_env.units import DEG
 from solvers.pipeline.coarse.spread import Spread, told_by
 from solvers.pipeline.strapdown import carried_sample, chain, interval_increments
 
-WIDER = (
-    10.0  #: standard deviation of the heading at a second pass, over that of the coarse phase; data count 1 % too much
-)
+WIDER = 10.0  #: standard deviation of the heading at a second pass, over that of the coarse phase
 UP = ERRORS["phi"].stop - 1
 
 
