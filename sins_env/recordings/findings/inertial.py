@@ -105,7 +105,7 @@ def earth_rate_at_rest(recording: Recording) -> Iterator[Finding]:
     """Compare the angular rate at rest with the earth's 15.04 deg/h, in size and, for a wrong unit, in direction.
 
     A large rate may be the bias of a small gyro. It is a wrong unit if it is the earth's turned by the factor of the units,
-    with the earth's own component along gravity. A rate that is too small is none that a gyro on the Earth can measure.
+    with the earth's own component along gravity. Another rate that is too small is a warning: a simulation without the earth.
     """
     rest = _at_rest(recording)
     if not rest.any():
@@ -126,10 +126,10 @@ def earth_rate_at_rest(recording: Recording) -> Iterator[Finding]:
     if abs(ratio / factor - 1) < SLIP and upright:
         yield Finding(name, size / DEG_PER_H, limit, "deg/h", span, f"{told}: deg/s were read as rad/s")
     elif ratio < 1 / EARTH_RATIO and noise < true / EARTH_RATIO:
-        right = abs(ratio * factor - 1) < SLIP and upright
-        why = "rad/s were read as deg/s" if right else "a wrong unit or scale, or the earth's rate was taken out"
+        mistaken = abs(ratio * factor - 1) < SLIP and upright
+        why = "rad/s were read as deg/s" if mistaken else "a wrong unit or scale, or the earth's rate was taken out"
         least = true / EARTH_RATIO / DEG_PER_H
-        yield Finding(name, size / DEG_PER_H, least, "deg/h", span, f"{told}: {why}")
+        yield Finding(name, size / DEG_PER_H, least, "deg/h", span, f"{told}: {why}", mistaken)
     elif ratio > EARTH_RATIO:
         text = f"{told}: these gyros cannot find north at rest; a heading needs motion, or a second antenna"
         yield Finding(name, size / DEG_PER_H, limit, "deg/h", span, text, False)

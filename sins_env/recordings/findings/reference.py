@@ -9,6 +9,7 @@ import numpy as np
 from sins_env import attitude
 from sins_env.recordings.axes import heading_pitch_roll
 from sins_env.recordings.findings.finding import Finding
+from sins_env.recordings.findings.inertial import earth_rate_at_rest
 from sins_env.recordings.recording import Recording
 from sins_env.recordings.summary import summarise
 
@@ -23,7 +24,7 @@ def reference_attitude(recording: Recording) -> Iterator[Finding]:
     if ref is None:
         return
     guess = summarise(recording).guess
-    if guess is None or not ref.t_s[0] - 1.0 <= guess.start <= ref.t_s[-1]:
+    if guess is None or any(earth_rate_at_rest(recording)) or not ref.t_s[0] - 1.0 <= guess.start <= ref.t_s[-1]:
         return
     told = heading_pitch_roll(ref.q_nb[int(np.argmin(np.abs(ref.t_s - guess.start)))])
     off = np.degrees(attitude.wrap(told - guess.angles))
