@@ -36,9 +36,10 @@ def table(path):
 
 
 def test_its_table_is_the_same(old):
+    """But for what needs more runs since: a rank, and whether the error is below the bound."""
     path, printed = old
     for now, then in zip(table(path), printed, strict=True):
-        assert {name: now[name] for name in then} == then
+        assert {name: now[name] for name in then} == then | {"rank": "", "below_bound": ""}
 
 
 def test_its_rows_are_kept_as_stale_ones(old, cli, short):

@@ -13,6 +13,7 @@ import solvers
 from sins_env import attitude, earth
 from solvers.blocks.sigma_rules import points
 from solvers.filters import names
+from solvers.pipeline.aiding.aid import Ins
 from solvers.pipeline.aiding.gps import Gps
 from solvers.pipeline.errors.navigation import NavigationErrors
 from solvers.pipeline.estimator import Navigator
@@ -170,7 +171,9 @@ def test_the_antimeridian_is_no_border():
     start, over = task.start._replace(pos=pos), earth.displace(model, pos, np.array([5.0, 1.0, 2.0]))
     over[1] -= 2 * np.pi
     fix = {"gps_vel": start.vel, "gps_pos": over, "gps_valid": np.ones(1)}
-    _, measurement = Gps(task, NavigationErrors().states).read(fix, start)
+    still = np.zeros((task.n_sub, 3))
+    ins = Ins(start, start, still, None, task.epoch_s, np.zeros(3))
+    measurement = Gps(task, NavigationErrors().states).read(fix, ins)
     np.testing.assert_allclose(measurement.z, [0, 0, 0, -5, -1, -2], atol=1e-4)
 
 
