@@ -42,7 +42,7 @@ FEATURES = (
             "PSINS": Mark("MATLAB", "base/kf/kfupdate.m"),
             "kalman-py": Mark("NumPy, JAX", "kalman_py/backends/jax_backend.py"),
             "dynamax": Mark("JAX", "dynamax/linear_gaussian_ssm/inference.py"),
-            "sins_env": Mark("NumPy", "solvers/blocks/moments.py"),
+            "sins_env": Mark("NumPy, numba", "solvers/blocks/moments.py"),
         },
     ),
     Feature(
