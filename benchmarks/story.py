@@ -203,7 +203,7 @@ def time_figure(played: Mapping[str, Sequence[Results]]) -> Figure:
             _yardsticks(axes, lines[next(iter(lines))])
         finish(axes, title, xlabel="time, s", yscale="log")
         if lines:
-            axes.legend(frameon=False, fontsize=9, loc="best")
+            axes.legend(frameon=False, fontsize=9, loc="upper right", bbox_to_anchor=(1.0, 0.87))
     panels[0].set_ylabel("azimuth error, RMS over runs, deg")
     return figure
 
