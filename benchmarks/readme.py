@@ -101,8 +101,8 @@ def _bound(task: Entry) -> str:
 
 
 def _name(one: Entry) -> str:
-    """Return the solver's name, in bold if it wins against ckf."""
-    return f"**`{one['solver']}`**" if one["word"] == "wins" else f"`{one['solver']}`"
+    """Return the solver's name, in bold if it wins against ckf on runs that did not select it."""
+    return f"**`{one['solver']}`**" if one["word"] == "wins" and one["suite"] == "B" else f"`{one['solver']}`"
 
 
 def _told(one: Entry, task: Entry) -> str:
@@ -117,7 +117,7 @@ def _told(one: Entry, task: Entry) -> str:
 
 
 def _against(one: Entry | None) -> str:
-    """Return the ratio of the leader to ckf on the runs that did not select it, and how sure it is."""
+    """Return the ratio of the leader to ckf, and how sure it is; without suite B it is that of the runs that selected it."""
     if one is None or one["ratio"] is None:
         return "-"
     if one["p"] is None:
@@ -125,6 +125,8 @@ def _against(one: Entry | None) -> str:
     said = {"wins": "confirmed", "equal": "equal within 2 %", "loses": "worse", "undecided": "not told apart"}[
         one["word"]
     ]
+    if one["suite"] == "A":
+        said = "on the runs that selected it, not confirmed"
     return f"{_ratio(one['ratio'], one['ratio_ci'])}, p {_p(one['p'])}: {said}{', fragile' if one['fragile'] else ''}"
 
 

@@ -225,6 +225,11 @@ def test_the_tables_say_who_wins_and_how_sure_it_is(benchmarks, told):
     assert white.endswith("| 0.900 [0.810–0.990], p < 0.001: confirmed | `two_pass` |")
     assert hot.startswith("| hotstart60 | (186″) | ")
     assert hot.endswith("| 0.970 [0.873–1.07], p 0.3: not told apart | - |")
+    told["results"] = [one for one in told["results"] if (one["suite"], one["solver"]) != ("B", "gsf_imm")]
+    alone = readme.leaderboard(told).splitlines()[2]  # what selected it does not confirm it
+    assert " `gsf_imm` " in alone
+    assert "**`gsf_imm`**" not in alone
+    assert "on the runs that selected it, not confirmed | `two_pass` |" in alone
     assert claims.startswith("On 2 tasks 3 solvers are compared with `ckf`")
     assert "2 wins, 1 of them fragile" in claims
     assert "wins against `ckf` on 1 of 2 tasks" in claims
