@@ -168,3 +168,23 @@ def test_a_straight_drive_is_no_rest():
     moving = fixes(one, vel=np.tile([3.0, 4.0, 0.0], (60, 1)))
     assert summarise(one).rest == [(T0, T0 + 60.0)]
     assert summarise(moving).rest == []
+
+
+def test_a_height_below_all_land_is_no_fix():
+    one = drive()
+    pos = one.gnss.pos.copy()
+    pos[80, 2] = -999.0  # the place is good
+    found = findings(fixes(one, pos=pos))[0]
+    assert (found.name, found.value, found.span_s) == ("null_fixes", 1, (T0 + 81, T0 + 81))
+
+
+def test_data_that_are_only_unusual():
+    """No noise, no earth, or a quick turn: a simulation's data, and a fast vehicle's, are no failure of a sensor."""
+    one = drive(park=60.0, go=0.0, reference=True)
+    perfect = replace(one, dtheta=np.tile(one.dtheta[0], (6000, 1)), dvel=np.tile(one.dvel[0], (6000, 1)))
+    assert "hung_sensor" not in names(perfect)
+    without_earth = replace(perfect, dtheta=0.0 * one.dtheta)
+    assert [(found.name, found.wrong) for found in findings(without_earth)] == [("earth_rate_at_rest", False)]
+    turn = one.dtheta.copy()
+    turn[3000:3100, 2] += 0.03 * np.sin(np.linspace(0, np.pi, 100))  # up to 3 rad/s within a second
+    assert "glitches" not in names(replace(one, dtheta=turn))
