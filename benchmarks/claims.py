@@ -30,6 +30,7 @@ from sins_env.evaluation import evaluate
 from sins_env.evaluation.bound import oracle
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.score import exact, losses
+from sins_env.evaluation.score.headline import cap_of
 from sins_env.evaluation.score.quantities import run_errors
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.tasks.catalogue import get_task
@@ -101,13 +102,6 @@ def twin(task: EvaluationTask, spared: Mapping[str, Any]) -> EvaluationTask:
     )
 
 
-def cap_of(task: EvaluationTask, results: Results, score: str) -> float:
-    """Return the error at which losses are capped, SI: the threshold of alignment, or in navigation three times the bound."""
-    if results.records.criteria.navigates:
-        return 3.0 * results.bound_means[score]
-    return task.delta_azimuth_deg * DEG
-
-
 class Outcome(NamedTuple):
     """What a solver made of R runs of a task."""
 
@@ -120,7 +114,7 @@ class Outcome(NamedTuple):
 
 def outcome(task: EvaluationTask, results: Results, score: str, at_end: bool = False) -> Outcome:
     """Return what counts of the results: losses of time means, or of the errors at the end."""
-    cap, records = cap_of(task, results, score), results.records
+    cap, records = cap_of(task, results.records, results.bound, score), results.records
     errors, final = run_errors(records, score)
     # the time means of a flight begin at a start that may be far off
     last = final if records.criteria.navigates else errors
@@ -159,7 +153,9 @@ def check(claim: Claim, runs: int, seed: int, bar: Bar) -> dict[str, Any]:
     if claim.rival:
         rival = played(twin(task, claim.spared), claim.rival, {})
         # a rival is held to the cap of the task that the solver plays
-        its = losses.capped(run_errors(rival.records, claim.score)[0], cap_of(task, results, claim.score))
+        its = losses.capped(
+            run_errors(rival.records, claim.score)[0], cap_of(task, results.records, results.bound, claim.score)
+        )
         ratio, (low, high) = exact.ratio_by_flips(loss, its)
         found["ratio"] = [ratio, low, high]
         if not ratio <= claim.at_point:
@@ -167,11 +163,10 @@ def check(claim: Claim, runs: int, seed: int, bar: Bar) -> dict[str, Any]:
         if not high <= claim.at_end:
             faults.append(f"upper end {high:.3f} > {claim.at_end:g}")
     if claim.score == "azimuth" and not results.records.criteria.navigates:
-        seen = oracle.compute(dataclasses.replace(task, suite_seed=seed), runs)
+        seen = oracle.compute(task, runs, seed)
         if seen is not None:
-            known = math.sqrt(seen.expected_steady[2])
-            value, (low, high) = losses.over_bound(loss, seen.steady[:, 2], known)
-            found["over_bound"] = [value, low, high]
+            verdict = dataclasses.replace(results, oracle=seen.records).verdict
+            found["over_bound"] = [verdict.x_bound, *verdict.x_bound_ci]
     elif claim.score != "azimuth":
         found["over_bound"] = [results.headline_ratio, math.nan, math.nan]
     if not found.get("over_bound", [0.0])[0] <= claim.over_bound:

@@ -31,6 +31,8 @@ from threadpoolctl import threadpool_limits
 import solvers
 from sins_env.arrays import Array, Obs
 from sins_env.evaluation.bound import bounds
+from sins_env.evaluation.estimators.guard import Guard
+from sins_env.evaluation.play.loop import Loop
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.score import exact
 from sins_env.evaluation.tasks.task import EvaluationTask
@@ -147,31 +149,46 @@ class Found:
     bound: Array  #: (D, T)
 
 
+class SideBySide:
+    """Environments of one run each as one vector environment for the loop: its rows are different drives."""
+
+    def __init__(self, tasks: Sequence[EvaluationTask]) -> None:
+        self._envs = [task.make(1) for task in tasks]
+        starts = [task.reset(env, [0])[0] for task, env in zip(tasks, self._envs, strict=True)]
+        self.unwrapped = self._envs[0].unwrapped  #: every row is told what the first is
+        self.start = stacked(starts)  #: first observation
+
+    def step(self, action: Array) -> tuple[Any, ...]:
+        """Step every environment with its row of the action; the info has the errors."""
+        steps = [env.step(action[row : row + 1]) for row, env in enumerate(self._envs)]
+        errors = stacked([step[4]["errors"] for step in steps])
+        return stacked([step[0] for step in steps]), None, None, None, {"errors": errors}
+
+    def close(self) -> None:
+        """Close every environment."""
+        for env in self._envs:
+            env.close()
+
+
 def stacked(parts: Sequence[Mapping[str, Array]]) -> Obs:
-    """Return the observations of several environments as those of one batch."""
+    """Return the arrays of several environments as those of one batch."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}  # type: ignore[return-value]
 
 
 def play(tasks: Sequence[EvaluationTask], name: str, report: Callable[[float], None]) -> Found:
     """Play a solver on drives side by side: rows of one batch are different drives, of which it is told the same."""
-    envs = [task.make(1) for task in tasks]
-    obs = [task.reset(env, [0])[0] for task, env in zip(tasks, envs, strict=True)]
-    solver: Any = solvers.make(name)
-    told = envs[0].unwrapped.task  # type: ignore[attr-defined]
-    solver.reset(told, [np.random.default_rng([row]) for row in range(len(tasks))], len(tasks))
+    env, solver = SideBySide(tasks), solvers.make(name)
+    rngs = [np.random.default_rng([row]) for row in range(len(tasks))]
+    loop = Loop(env, Guard(solver, len(tasks)), env.start, rngs)
     looks = [round(t / EPOCH_S) for t in TIMES_S]
     errors, sigmas = [], []
-    for k in range(1, told.num_epochs + 1):
-        answers = solver.step(stacked(obs))
-        steps = [env.step(answers[row : row + 1]) for row, env in enumerate(envs)]
-        obs = [step[0] for step in steps]
+    for k, _, info, _, _ in loop:
         if k in looks:
-            errors.append([step[4]["errors"]["phi"][0, 2] for step in steps])
+            errors.append(info["errors"]["phi"][:, 2])
             sigmas.append(np.sqrt(solver.covariance()[:, 2, 2]))
         if k % 50 == 0:
-            report(k / told.num_epochs)
-    for env in envs:
-        env.close()
+            report(k / loop.task.num_epochs)
+    loop.close()
     limits = []
     for task in tasks:
         bound = bounds.compute(task)

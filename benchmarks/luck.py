@@ -15,6 +15,7 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from rich.table import Table
 from sins_env.evaluation import evaluate
 from sins_env.evaluation.bound import oracle
 from sins_env.evaluation.play.progress import Bar
-from sins_env.evaluation.score import exact, losses
+from sins_env.evaluation.score import exact
 from sins_env.evaluation.score.resampling import Estimate, rms_interval
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.tasks.catalogue import get_task
@@ -46,12 +47,11 @@ def figures(results: Results, seed: int) -> Suite:
     """Return the figures of a solver with the runs of a suite."""
     seen = oracle.compute(results.task, len(results.records), seed)
     assert seen is not None
-    entry, measure = results.entry, results.measure
+    results = replace(results, oracle=seen.records)
+    entry, bound, verdict = results.entry, results.measure.bound, results.verdict
     value, ends = rms_interval(entry.error)
-    old = value / measure.bound, (ends[0] / measure.bound, ends[1] / measure.bound)
-    known = math.sqrt(seen.expected_steady[2])
-    new = losses.over_bound(losses.capped(entry.error, measure.cap), seen.steady[:, 2], known)
-    return Suite(seed, int(entry.failed.sum()), len(entry.run), old, new)
+    old = value / bound, (ends[0] / bound, ends[1] / bound)
+    return Suite(seed, verdict.failures, verdict.runs, old, (verdict.x_bound, verdict.x_bound_ci))
 
 
 def table_of(suites: Sequence[Suite], together: float) -> Table:

@@ -3,12 +3,14 @@
 A :class:`Recording` comes in. Findings go out, each with a name, the measured value beside its limit, a time span and what
 would explain it. A finding that makes results wrong refuses the recording unless its name is accepted; others are warnings.
 
-Read ``finding``, then the checks: ``fixes``, ``inertial``, ``together``, ``reference``; a new one is a function in ``CHECKS``.
+Read ``finding``, then the checks: ``fixes``, ``inertial``, ``course``, ``together``, ``reference``. A new one is a function
+in ``CHECKS``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 from sins_env.recordings.findings import fixes, inertial, reference, together
 from sins_env.recordings.findings.finding import REFUSING, Check, Finding
@@ -30,9 +32,10 @@ CHECKS: tuple[Check, ...] = (
 )
 
 
-def findings(recording: Recording) -> list[Finding]:
-    """Return what the checks find, worst kinds first in the order of ``CHECKS``; an empty list if all is well."""
-    return [one for check in CHECKS for one in check(recording)]
+@lru_cache(maxsize=2)  # a recording is checked when it is read, and its findings are told after
+def findings(recording: Recording) -> tuple[Finding, ...]:
+    """Return what the checks find, in the order of ``CHECKS``; empty if all is well."""
+    return tuple(one for check in CHECKS for one in check(recording))
 
 
 def check_findings(found: Sequence[Finding], accepted: Sequence[str]) -> None:

@@ -51,8 +51,7 @@ def held_fixes(recording: Recording) -> Iterator[Finding]:
     gnss = recording.gnss
     if gnss is None:
         return
-    held = _held_while_moving(gnss)
-    share = float(held.mean()) if len(held) else 0.0
+    share = _held_while_moving(gnss)
     if share > MOST_HELD:
         at = np.flatnonzero(is_held(gnss))
         text = (
@@ -62,28 +61,25 @@ def held_fixes(recording: Recording) -> Iterator[Finding]:
         yield Finding("held_fixes", share, MOST_HELD, "", _span(gnss, at), text)
 
 
-def _held_while_moving(gnss: Gnss) -> Mask:
-    """Return for the steps between changes that move the antenna whether they repeat a place; empty if it stands still."""
-    same = (np.diff(gnss.pos, axis=0) == 0).all(axis=1)
-    if not same.any() or same.all():
-        return np.zeros(0, dtype=bool)
-    change = np.flatnonzero(~same) + 1
-    starts = np.concatenate([[0], change])
-    jump = np.linalg.norm(_displacements(gnss.pos[starts[:-1]], gnss.pos[change]), axis=1)
-    length = np.diff(starts)  # steps up to and with each change
-    moves = jump > MOVES_M
-    held = np.zeros(int(length[moves].sum()), dtype=bool)
-    held[:] = True
-    held[np.cumsum(length[moves]) - 1] = False
-    return held
+def _changes(gnss: Gnss) -> tuple[NDArray[np.int64], Mask]:
+    """Return the fixes at which the place changes, (C,), and whether each of these changes moves the antenna."""
+    change = np.flatnonzero((np.diff(gnss.pos, axis=0) != 0).any(axis=1)) + 1
+    before = np.concatenate([[0], change])[:-1]
+    return change, np.linalg.norm(_displacements(gnss.pos[before], gnss.pos[change]), axis=1) > MOVES_M
+
+
+def _held_while_moving(gnss: Gnss) -> float:
+    """Return the share of the fixes that repeat a place, of those up to changes that move the antenna; 0 if it stands still."""
+    change, moves = _changes(gnss)
+    fixes = np.diff(change, prepend=0)[moves]  # from one change to the next, with the change itself
+    return 1.0 - len(fixes) / fixes.sum() if len(fixes) else 0.0
 
 
 def _own_step(gnss: Gnss) -> float:
-    """Return the median time between changes of the place while the antenna moves, s."""
-    change = np.flatnonzero((np.diff(gnss.pos, axis=0) != 0).any(axis=1)) + 1
-    jump = np.linalg.norm(_displacements(gnss.pos[change[:-1]], gnss.pos[change[1:]]), axis=1)
-    steps = np.diff(gnss.t_s[change])
-    return float(np.median(steps[jump > MOVES_M] if (jump > MOVES_M).any() else steps))
+    """Return the median time between changes of the place while the antenna moves, s; NaN with fewer than two changes."""
+    change, moves = _changes(gnss)
+    steps, moves = np.diff(gnss.t_s[change]), moves[1:]
+    return float(np.median(steps[moves] if moves.any() else steps)) if len(steps) else np.nan
 
 
 def is_held(gnss: Gnss) -> Mask:
@@ -91,7 +87,7 @@ def is_held(gnss: Gnss) -> Mask:
 
     A place that stays the same while the antenna stands still counts once for each interval of the receiver.
     """
-    change = np.concatenate([[0], np.flatnonzero((np.diff(gnss.pos, axis=0) != 0).any(axis=1)) + 1])
+    change = np.concatenate([[0], _changes(gnss)[0]])
     since = gnss.t_s - gnss.t_s[change[np.searchsorted(change, np.arange(len(gnss.t_s)), side="right") - 1]]
     number = np.floor(since / _own_step(gnss) + 1e-6)
     fresh = np.ones(len(number), dtype=bool)

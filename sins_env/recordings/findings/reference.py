@@ -8,6 +8,7 @@ import numpy as np
 
 from sins_env import attitude
 from sins_env.recordings.axes import heading_pitch_roll
+from sins_env.recordings.findings.course import MOST_COURSE_DEG, off_course
 from sins_env.recordings.findings.finding import Finding
 from sins_env.recordings.findings.inertial import earth_rate_at_rest
 from sins_env.recordings.recording import Recording
@@ -15,7 +16,7 @@ from sins_env.recordings.summary import summarise
 
 MOST_DEG = 5.0  #: largest angle between reference and estimate
 HALVES = 5.0  #: the same, in differences of the estimates from either half of the data
-COURSE_MPS, MOST_COURSE_DEG, LEAST_FAST = 3.0, 20.0, 10  #: speed of a course, largest median angle to it, and how many
+LEAST_FAST = 10  #: least number of velocities that give a course
 
 
 def reference_attitude(recording: Recording) -> Iterator[Finding]:
@@ -54,13 +55,8 @@ def reference_course(recording: Recording) -> Iterator[Finding]:
     ref = recording.reference
     if ref is None or ref.vel is None:
         return
-    fast = np.hypot(ref.vel[:, 0], ref.vel[:, 1]) > COURSE_MPS
-    if fast.sum() < LEAST_FAST:
-        return
-    course = np.arctan2(ref.vel[fast, 0], ref.vel[fast, 1])
-    off = attitude.wrap(heading_pitch_roll(ref.q_nb[fast])[:, 0] - course)
-    middle = abs(float(np.degrees(np.arctan2(np.median(np.sin(off)), np.median(np.cos(off))))))
-    if middle > MOST_COURSE_DEG:
-        t = ref.t_s[fast]
-        text = f"the reference's heading lies {middle:.0f} deg off its course: another frame, other axes, or a mounting angle"
-        yield Finding("reference_course", middle, MOST_COURSE_DEG, "deg", (float(t[0]), float(t[-1])), text, False)
+    found = off_course(ref.q_nb, ref.vel, LEAST_FAST)
+    if found is not None and abs(off := found[0]) > MOST_COURSE_DEG:
+        t = ref.t_s[found[1]]
+        text = f"the reference's heading lies {abs(off):.0f} deg off its course: another frame, other axes, or a mounting angle"
+        yield Finding("reference_course", abs(off), MOST_COURSE_DEG, "deg", (float(t[0]), float(t[-1])), text, False)

@@ -15,7 +15,7 @@ import numpy as np
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array
-from sins_env.recordings.axes import heading_pitch_roll
+from sins_env.recordings.findings.course import MOST_COURSE_DEG, off_course
 from sins_env.recordings.findings.finding import Finding
 from sins_env.recordings.findings.fixes import is_null
 from sins_env.recordings.recording import Recording
@@ -32,7 +32,6 @@ LEAST_CHANGES, LEAST_CHANGE_MPS = (
 )  #: number of changes of the horizontal velocity that a verdict needs, and their size
 SURE_MISFIT = 0.3  #: largest misfit at which a lag is believed, of the same kind
 MOST_MISFIT = 0.6  #: largest misfit of the changes of velocity, as a share of their size
-COURSE_MPS, MOST_COURSE_DEG = 3.0, 20.0  #: least speed for a course, and the largest median angle to the forward axis
 LEAP_S = (17.0, 18.0, 19.0)  #: differences of GPS time and UTC, s
 
 
@@ -122,21 +121,14 @@ def clocks_and_axes(recording: Recording) -> Iterator[Finding]:
 
 def _course(span: _Span, R: Array, lag: float, time: tuple[float, float]) -> Iterator[Finding]:
     """Compare the forward axis with the course over ground."""
-    vel = span.vel
-    fast = np.hypot(vel[:, 0], vel[:, 1]) > COURSE_MPS
-    if fast.sum() < LEAST_CHANGES:
-        return
-    at = np.searchsorted(span.clock, span.t[fast] - lag).clip(0, len(span.clock) - 1)
-    q = attitude.multiply(attitude.from_dcm(R), span.turn[at])
-    course = np.arctan2(vel[fast, 0], vel[fast, 1])
-    off = attitude.wrap(heading_pitch_roll(q)[:, 0] - course)
-    middle = float(np.degrees(np.arctan2(np.median(np.sin(off)), np.median(np.cos(off)))))
-    if abs(middle) > MOST_COURSE_DEG:
+    at = np.searchsorted(span.clock, span.t - lag).clip(0, len(span.clock) - 1)
+    found = off_course(attitude.multiply(attitude.from_dcm(R), span.turn[at]), span.vel, LEAST_CHANGES)
+    if found is not None and abs(off := found[0]) > MOST_COURSE_DEG:
         text = (
-            f"the forward axis points {abs(middle):.0f} deg {'right' if middle > 0 else 'left'} of the course: other axes than "
+            f"the forward axis points {abs(off):.0f} deg {'right' if off > 0 else 'left'} of the course: other axes than "
             "those named, a mounting angle, or a vehicle that drives backwards"
         )
-        yield Finding("course", abs(middle), MOST_COURSE_DEG, "deg", time, text, False)
+        yield Finding("course", abs(off), MOST_COURSE_DEG, "deg", time, text, False)
 
 
 def _span(recording: Recording) -> _Span | None:
