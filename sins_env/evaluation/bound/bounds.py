@@ -91,15 +91,13 @@ def compute(task: EvaluationTask, runs: int = RUNS) -> Bound | None:
     P = np.broadcast_to(model.P0, (runs, model.n, model.n))
     variance = []
     for part in true_motion(task, public, runs):
-        F, H = model.transitions(part), model.sensitivity(part)
-        Q, aided = model.noise(part, F), model.aided(part)
-        for k, fix in enumerate(part.fix):
+        F = model.transitions(part)
+        Q, readings = model.noise(part, F), model.readings(part)
+        for k in range(len(part.fix)):
             P = F[:, k] @ P @ F[:, k].mT + Q[:, k]
-            if fix:
-                P = correct(P, H[:, k], model.R)
-            for there, H_aid, R_aid in aided:
+            for _, there, H, R in readings:
                 if there[k]:
-                    P = correct(P, H_aid[:, k], R_aid)
+                    P = correct(P, H[:, k], R)
             variance.append(np.diagonal(P, axis1=-2, axis2=-1)[:, model.scored].mean(axis=0))
     criteria = Criteria.of(task, public)
     stride, first = criteria.history_stride, criteria.steady_from

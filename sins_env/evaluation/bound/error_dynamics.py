@@ -62,6 +62,18 @@ class Truth(NamedTuple):
     vel_end: Array  #: (runs, epochs, 3) velocity in n at the end of the epoch, m/s
 
 
+class Reading(NamedTuple):
+    """What a sensor beside the IMU shows in some epochs."""
+
+    name: str  #: "fix", or that of the aid
+    there: Mask  #: (epochs,) which epochs end with one
+    H: Array  #: (runs, epochs, m, n)
+    R: Array  #: (m, m)
+
+
+FIXES = "fix"  #: name of the readings of the receiver
+
+
 def simulated(task: EvaluationTask) -> tuple[Task, SimulatedWorld] | None:
     """Return what a task tells, and its world; None if it has no bound.
 
@@ -186,14 +198,18 @@ class ErrorDynamics:
         self.R = fix_noise(gps)[np.ix_(self.shown, self.shown)]
         self.scored = self.states.places(answered(self.travels))  #: indices of phi, or phi, velocity and position
 
-    def noise(self, truth: Truth, F: Array) -> Array:
-        """Return Q (runs, epochs, n, n); half of the white noise of an epoch goes through F, half does not."""
-        count = F.shape[1]
+    def densities(self, truth: Truth) -> Array:
+        """Return the densities (epochs, n) of the white noise that drives the states, in their units squared per second."""
+        count = len(truth.fix)
         drive = np.repeat(self._drive[None], count, axis=0)
         for states, wave in ((DV, self.script.accel_wave), (PHI, self.script.gyro_wave)):
             if wave:
                 drive[:, states] *= wave.rms(truth.first, count, self.epoch_s)[:, None] ** 2
-        D = drive[:, self.kept, None] * np.eye(self.n)
+        return drive[:, self.kept]
+
+    def noise(self, truth: Truth, F: Array) -> Array:
+        """Return Q (runs, epochs, n, n); half of the white noise of an epoch goes through F, half does not."""
+        D = self.densities(truth)[..., None] * np.eye(self.n)
         return 0.5 * self.epoch_s * (D + F @ D @ F.mT)
 
     def transitions(self, truth: Truth) -> Array:
@@ -236,17 +252,19 @@ class ErrorDynamics:
         A[..., E, E], A[..., E, N], A[..., E, U] = (up - north * tan) / R_N, east * tan / R_N, -east / R_N
         A[..., N, N], A[..., N, U] = up / R_M, -north / R_M
 
-    def aided(self, truth: Truth) -> list[tuple[Mask, Array, Array]]:
-        """Return what each aid shows: which epochs (epochs,) end with a reading, H (runs, epochs, m, n), and R (m, m)."""
-        at, found = Instant(truth.C_end, truth.vel_end, truth.rate_end), []
+    def readings(self, truth: Truth) -> list[Reading]:
+        """Return what the receiver shows, and then each aid."""
+        at = Instant(truth.C_end, truth.vel_end, truth.rate_end)
+        found = [Reading(FIXES, truth.fix, self.sensitivity(truth), self.R)]
         places = {"phi": [PHI], "dv": [DV], "dp": [DP], "rate": [states for states, kind in self.biases if kind.gyro]}
-        for aid, aid_term in self.aids.values():
+        for aid_name, (aid, aid_term) in self.aids.items():
             variances = aid_term.noise()
             H = np.zeros((*truth.vel.shape[:-1], len(variances), self.full.size))
             for name, slope in aid_term.rows(at).items():
                 for states in places[name] if name in places else [self.full[name]]:
                     H[..., states] = slope
-            found.append((aid.present(truth.first, H.shape[1]), H[..., self.kept], np.diag(variances)))
+            there = aid.present(truth.first, H.shape[1])
+            found.append(Reading(aid_name, there, H[..., self.kept], np.diag(variances)))
         return found
 
     def sensitivity(self, truth: Truth) -> Array:
