@@ -1,7 +1,8 @@
 """Specifications of sensors in the units of datasheets.
 
 Fields carry their unit in their name; properties give SI. The name of a preset (:mod:`sins_env.presets`) or a dict of
-fields may stand for a specification; :func:`imu_spec` and :func:`gps_spec` turn them into one.
+fields may stand for a specification; :func:`imu_spec` and :func:`gps_spec` turn them into one. A dict may use other units
+and the words of datasheets (:mod:`sins_env.reading.datasheets`): ``{"preset": "mems", "arw_deg_s_sqrt_hz": 0.005}``.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from sins_env import checks, moved, presets
 from sins_env.arrays import Array
 from sins_env.checks import build, unknown
+from sins_env.reading.datasheets import in_own_units
 from sins_env.units import DEG_PER_SQRT_H, UG
 
 #: Units and priors lived here in version 0.1.0, and imports from here still find them.
@@ -202,7 +204,10 @@ GPS_PRESETS: dict[str, GpsSpec] = {name: GpsSpec(**values) for name, values in p
 def imu_spec(given: str | Mapping[str, Any] | ImuSpec, base: ImuSpec | None = None) -> ImuSpec:
     """Make a specification from the name of a preset or a dict of fields; a specification is returned as it is.
 
-    Fields that a dict leaves out are those of its ``preset``, else those of ``base``, by default a perfect sensor.
+    Fields that a dict leaves out are those of its ``preset``, else those of ``base``, by default a perfect sensor. Its keys
+    are fields, fields with another unit at their end, or words of datasheets: ``{"preset": "navigation",
+    "vrw_mps_sqrt_h": 0.03, "gyro_bias_instability_deg_h": 0.01}`` (:func:`sins_env.reading.datasheets.in_own_units`). A
+    text of the command line becomes such a dict by :func:`sins_env.reading.datasheets.told`.
 
     Raises:
         ValueError: an unknown preset or field (the nearest name is offered), or a value out of range.
@@ -234,4 +239,9 @@ def _resolve(given: Any, cls: type[S], named: Mapping[str, S], base: S) -> S:
     settings = dict(given)
     if "preset" in settings:
         base = _resolve(str(settings.pop("preset")), cls, named, base)
-    return build(cls, {**{f.name: getattr(base, f.name) for f in fields(cls)}, **settings}, cls.__name__)
+    own = {f.name: getattr(base, f.name) for f in fields(cls)}
+    converted = in_own_units(settings, own, cls.__name__)
+    try:
+        return build(cls, {**own, **converted.values}, cls.__name__)
+    except ValueError as error:
+        raise ValueError(converted.with_origins(str(error))) from None

@@ -6,6 +6,7 @@ The same limits hold for a flight, a mapping and a setting of the command line.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ MOST_BYTES = 4_000_000  #: largest document
 MOST_DEPTH = 32  #: most levels of lists and objects
 MOST_VALUES = 200_000  #: most keys and values, each alias counted as often as it is used
 MOST_DIGITS = 300  #: most digits of a whole number; the largest float has 309
+#: Numbers such as 1e-3, which YAML 1.2 and JSON take as numbers, and PyYAML as texts.
+_EXPONENT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$")
 YAML_ENDINGS = (".yaml", ".yml")  #: endings of YAML files; any other document is JSON
 
 
@@ -116,6 +119,7 @@ def parse_yaml(text: str) -> Any:
                 raise yaml.constructor.ConstructorError(None, None, str(error), node.start_mark) from None
             return super().construct_mapping(node, deep)
 
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
     try:
         _check_events(yaml, base, text)
         return _built(lambda: yaml.load(text, Loader=Loader))
