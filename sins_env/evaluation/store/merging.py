@@ -21,7 +21,7 @@ from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.rows import binding, bound_of, changed, criteria_change, criteria_of, history_of
 from sins_env.evaluation.store.schema import KEY, RUN_COLUMNS, SCORES, SPAN_COLUMNS, SPANS, TOLD, columns_of
 from sins_env.evaluation.store.store import Store, shortened
-from sins_env.evaluation.store.verify import BOUND_TOLERANCE, compare_runs
+from sins_env.evaluation.store.verify import BOUND_TOLERANCE, compare_runs, tolerance
 from sins_env.writing.files import replacing
 
 HISTORY_TOLERANCE = 1e-5  #: tolerance of a history, whose samples are float32, relative to its largest
@@ -184,7 +184,7 @@ class _Merge:
             for origin, some in by_origin.items():
                 here, there = (one.results(key, set(some)) for one in (self.store, source))
                 words = f"in {origin}", f"in {source.path}"
-                found = compare_runs(here.records, there.records, words)
+                found = compare_runs(here.records, there.records, words, tolerance=tolerance(key.solver))
                 scores = {text.partition(":")[0] for text in found}
                 found += [
                     f"run {run}: history {words[0]} and {words[1]}"
