@@ -31,6 +31,7 @@ _CONTRACT = (
     "which returns q_nb (4), or in navigation q_nb, v_n and position (10). sins-env describe SINS/AlignSway-v0 shows what obs "
     "holds; sins_env.types.Task is the task. Optional: covariance()."
 )
+_SPEC = "a preset, a JSON or YAML file, or NAME=VALUE,...: navigation,arw_deg_sqrt_h=0.002"
 _SEED = "seed of the suite (default: the task's own); - reads a secret one from standard input"
 _SUITE = (
     "A hidden suite: draw a seed of at least 64 bits (python -c 'import secrets; print(secrets.randbits(128))'), publish "
@@ -97,6 +98,7 @@ def _look(verb: Verb) -> None:
     text = "what is known of an environment, task, solver, preset, flight or recording"
     sub = verb("describe", "describe.named:describe", text)
     sub.add_argument("name", metavar="NAME", help="one that sins-env list shows, module:Factory, or a file")
+    sub.add_argument("--imu", metavar="SPEC", help=f"errors of a recording's IMU, for its first heading: {_SPEC}")
     sub.add_argument("--allan", metavar="FILE", help="draw the Allan deviation of an IMU preset or a recording")
     sub.add_argument("--plot", metavar="FILE", help="draw a flight: a profile by name, or a YAML or JSON file")
 
@@ -222,7 +224,7 @@ def _hold_against(verb: Verb) -> None:
     sub.add_argument("--mode", metavar="NAME", help="align (default), or navigate: velocity and position too")
     sub.add_argument("--coarse", type=float, metavar="S", help="coarse phase (default 90 s, 60 s to navigate)")
     sub.add_argument("--epoch", type=float, metavar="S", help="navigation epoch (default 0.1 s)")
-    sub.add_argument("--imu", metavar="NAME", help="IMU preset that the solver is told (default rlg-car)")
+    _add_sensors(sub)
     text = "withhold the fixes of these seconds of the window; may be repeated"
     _add_spans(sub, "--outage", ("START", "END"), text)
     _add_accept(sub)
@@ -258,6 +260,14 @@ def _hold_against(verb: Verb) -> None:
 
 def _add_settings(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help=_SETTING)
+
+
+def _add_sensors(sub: argparse.ArgumentParser) -> None:
+    """Add the options that tell a solver of the sensors (:mod:`sins_env.cli.verbs.sensors`)."""
+    sub.add_argument("--imu", metavar="SPEC", help=f"errors of the IMU (default rlg-car): {_SPEC}")
+    sub.add_argument(
+        "--gps", metavar="SPEC", help="errors of the fixes, likewise (default: the receiver's own, or dgps)"
+    )
 
 
 def _add_accept(sub: argparse.ArgumentParser) -> None:

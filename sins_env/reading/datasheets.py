@@ -136,7 +136,12 @@ def _unknown(name: str, own: Collection[str], whose: str) -> ValueError:
     if _split(name)[0] in words or not difflib.get_close_matches(name, also, n=1, cutoff=0.9):
         for stem in sorted(words, key=len, reverse=True):
             if f"{name}_".startswith(f"{stem}_"):
-                return checks.unknown(f"setting of {whose}", name, [f"{stem}_{unit}" for unit in words[stem]])
+                names = [f"{stem}_{unit}" for unit in words[stem]]
+                near = next((one for one in names if one in own), names[0])
+                listed = ", ".join(names)
+                return ValueError(
+                    f"unknown setting of {whose} {checks.shown(name)}; did you mean {near!r}? Allowed: {listed}"
+                )
     return checks.unknown(f"setting of {whose}", name, own, also)
 
 

@@ -26,7 +26,7 @@ from sins_env.recordings.formats.npz import LAYOUTS, Layout
 from sins_env.recordings.interpolation import reference_at
 from sins_env.recordings.mapping import accepted
 from sins_env.recordings.recording import Displacements, Gap, Gnss, Recording, Reference, first_few, seconds
-from sins_env.recordings.summary import Summary, summarise
+from sins_env.recordings.summary import North, Summary, north, summarise
 
 __all__ = [
     "DATA_VARIABLE",
@@ -38,6 +38,7 @@ __all__ = [
     "Gap",
     "Gnss",
     "Layout",
+    "North",
     "Recording",
     "Reference",
     "Summary",
@@ -48,6 +49,7 @@ __all__ = [
     "heading_pitch_roll",
     "left_out",
     "load",
+    "north",
     "reference_at",
     "resample",
     "save",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,12 +13,15 @@ from sins_env.arrays import Array
 from sins_env.recordings.axes import heading_pitch_roll
 from sins_env.recordings.column_units import block_means
 from sins_env.recordings.recording import Gap, Recording
+from sins_env.specs import ImuSpec
+from sins_env.units import DEG, DEG_PER_H
 
 SUB_S, BLOCK_S = 0.1, 1.0  #: rest shows in the spread of means over SUB_S within blocks of BLOCK_S
 REST_FORCE, REST_RATE = 0.05, 0.005  #: limits of this spread in each axis of a base at rest, m/s^2 and rad/s
 REST_LEAST_S = 5.0  #: length of the shortest span at rest that counts
 GUESS_MOST_S, GUESS_LEAST_S = 300.0, 20.0  #: limits of the span that gives the guess of the heading
 MEAN_OF = 10  #: number of velocities that are averaged before they count as motion
+MOST_NORTH_ERROR = 20.0 * DEG  #: error of a heading from the earth's rate from which on it is none, rad
 MOVING_MPS = 0.5  #: speed of a fix, or of the reference, from which on the base has left the spot
 
 
@@ -28,6 +33,32 @@ class Guess:
     end: float  #: end of the span, s
     angles: Array  #: (3,) heading, pitch, roll at the start, rad
     halves: tuple[float, float]  #: heading from either half of the span alone, carried back to the start, rad
+
+
+class North(NamedTuple):
+    """What the gyros leave of a heading from the earth's rate, at a base on the spot."""
+
+    told: float  #: bias that is told of the gyros, 1 sigma, rad/s; zero if nothing is told
+    measured: float  #: bias that they have at least, by their rate at rest, and its noise, rad/s; zero without rest
+    horizontal: float  #: horizontal earth rate at the site, rad/s
+
+    @property
+    def error(self) -> float:
+        """Error of the heading, rad."""
+        return math.atan2(max(self.told, self.measured), self.horizontal)
+
+    @property
+    def found(self) -> bool:
+        """Whether the gyros find north."""
+        return self.error <= MOST_NORTH_ERROR
+
+    def __str__(self) -> str:
+        """Return why there is no heading, and what would give one."""
+        kind, bias = ("told", self.told) if self.told >= self.measured else ("measured at rest", self.measured)
+        return (
+            f"gyros of {bias / DEG_PER_H:.3g} deg/h ({kind}) against the earth's horizontal {self.horizontal / DEG_PER_H:.3g} "
+            f"leave {self.error / DEG:.0f} deg; motion with velocity fixes gives one, or two antennas (--aid heading)"
+        )
 
 
 @dataclass(frozen=True)
@@ -70,6 +101,23 @@ def summarise(recording: Recording) -> Summary:
         guess,
         heading,
     )
+
+
+def north(recording: Recording, imu: ImuSpec | None = None) -> North:
+    """Return what the gyros leave of a heading at rest: by what ``imu`` tells of them, and by their rate at rest.
+
+    The rate at rest is that of the earth plus the bias, so its length is off by no more than the bias.
+    """
+    told = 0.0 if imu is None else math.hypot(imu.gyro_bias_deg_h, imu.gyro_markov_deg_h) * DEG_PER_H
+    model, measured = earth.get(recording.site.earth), 0.0
+    spans = spans_at_rest(recording)
+    if spans:
+        start, end = max(spans, key=lambda span: span[1] - span[0])
+        first, last = (round((t - recording.t0) * recording.rate_hz) for t in (start, end))
+        means = block_means(recording.dtheta[first:last], recording.rate_hz) * recording.rate_hz
+        noise = float(np.linalg.norm(means.std(axis=0)) / math.sqrt(len(means)))
+        measured = max(abs(float(np.linalg.norm(means.mean(axis=0))) - model.rate), noise)
+    return North(told, measured, model.rate * math.cos(recording.site.latitude))
 
 
 def _range(values: Array) -> tuple[float, float, float]:

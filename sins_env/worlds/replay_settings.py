@@ -121,10 +121,15 @@ class ReplaySettings:
             base = replace(GPS_PRESETS["dgps"], rate_hz=rate, lever_arm_m=tuple(map(float, lever)))
         if self.gps is None:
             return base
-        if isinstance(self.gps, Mapping) and "preset" not in self.gps:
-            spec = gps_spec(self.gps, base)
+        settings = {"preset": self.gps} if isinstance(self.gps, str) else self.gps
+        if not isinstance(settings, Mapping):  # a specification, or what is none
+            spec = replace(gps_spec(settings), rate_hz=base.rate_hz, lever_arm_m=base.lever_arm_m)
         else:
-            spec = replace(gps_spec(self.gps), rate_hz=base.rate_hz, lever_arm_m=base.lever_arm_m)
+            settings = dict(settings)
+            if "preset" in settings:
+                named = gps_spec(str(settings.pop("preset")))
+                base = replace(named, rate_hz=base.rate_hz, lever_arm_m=base.lever_arm_m)
+            spec = gps_spec(settings, base)
         if spec.jump_mps:
             raise ValueError(
                 f"jump_mps = {spec.jump_mps:g} in a replay; allowed: in a simulation only, the fixes are real"

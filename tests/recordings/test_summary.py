@@ -7,8 +7,9 @@ from oracles import made
 from scipy.spatial.transform import Rotation
 
 from sins_env import earth
-from sins_env.recordings import Gap, Gnss, Recording, Reference, heading_pitch_roll, load, summarise
+from sins_env.recordings import Gap, Gnss, Recording, Reference, heading_pitch_roll, load, north, summarise
 from sins_env.recordings.summary import inertial_alignment
+from sins_env.specs import IMU_PRESETS, ImuSpec
 from sins_env.types import Site
 
 SITE = Site(np.radians(34.0), 1.9, 400.0)
@@ -101,6 +102,36 @@ def test_forces_rates_and_fixes():
     gnss = Gnss(one.gnss.t_s[keep], one.gnss.vel[keep], one.gnss.pos[keep])
     found = summarise(Recording("x", 200.0, 1000.0, one.dtheta, one.dvel, one.site, gnss))
     assert found.fix_gaps == [Gap(1005.0, 1008.0, 2), Gap(1012.0, 1014.0, 1)]
+
+
+@pytest.mark.parametrize(
+    ("spec", "error"),
+    [
+        (None, 0.0),  # these gyros are perfect
+        (ImuSpec(gyro_bias_deg_h=4.5), 19.8),  # the earth turns by 12.47 deg/h about north at 34 deg
+        (ImuSpec(gyro_bias_deg_h=4.6), 20.2),
+        (ImuSpec(gyro_bias_deg_h=3.0, gyro_markov_deg_h=4.0), 21.9),
+        (IMU_PRESETS["mems"], 58.8),
+    ],
+)
+def test_gyros_that_find_no_north_by_what_is_told(spec, error):
+    found = north(parked(30, 0, 0), spec)
+    assert np.degrees(found.error) == pytest.approx(error, abs=0.1)
+    assert found.found == (error < 20)
+    if not found.found:
+        assert f"leave {error:.0f} deg; motion with velocity fixes" in str(found)
+
+
+def test_gyros_that_find_no_north_by_their_rate_at_rest():
+    """A bias of 10 deg/h shows in the length of the rate: 23.4 deg/h along the earth's, 18.06 across it, and not in noise."""
+    one = parked(30, 0, 0)
+    for bias, found in (([0, 0, 1e-9], True), (one.dtheta[0] / np.linalg.norm(one.dtheta[0]), False)):
+        dtheta = one.dtheta + np.radians(10 / 3600) / RATE * np.asarray(bias)
+        assert north(Recording("x", RATE, 10.0, dtheta, one.dvel, SITE)).found == found
+    noise = np.random.default_rng(0).standard_normal(one.dtheta.shape)
+    for arw_deg_sqrt_h, found in ((0.1, True), (2.0, False)):  # over 200 s: 0.4 and 8.5 deg/h
+        noisy = one.dtheta + np.radians(arw_deg_sqrt_h / 60) / np.sqrt(RATE) * noise
+        assert north(Recording("x", RATE, 10.0, noisy, one.dvel, SITE)).found == found
 
 
 @pytest.mark.parametrize("recorded", ["rlg_parked_car.npz"], indirect=True)

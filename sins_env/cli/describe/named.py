@@ -25,9 +25,10 @@ from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.show.footer import order
 from sins_env.evaluation.tasks.catalogue import TASKS
 from sins_env.evaluation.tasks.task import EvaluationTask, suite_hash
+from sins_env.reading.datasheets import told
 from sins_env.sensors import aids
 from sins_env.sensors.gps import FIELDS
-from sins_env.specs import GPS_PRESETS, IMU_PRESETS
+from sins_env.specs import GPS_PRESETS, IMU_PRESETS, imu_spec
 from sins_env.worlds.profiles import PROFILES, is_flight
 
 #: Fields of an observation, with the shapes of one run, and their meaning.
@@ -52,6 +53,8 @@ def describe(given: Namespace, console: Console) -> int:
         _check_allan(name, given.allan)
     if given.plot:
         _check_flight(name, given.plot)
+    if given.imu and not is_recording(name):
+        raise ValueError(f"--imu for {name!r}; allowed: for a recording, whose first heading it judges")
     if name in TASKS:
         found = _task(TASKS[name], console)
     if name in ENVIRONMENTS:
@@ -64,7 +67,8 @@ def describe(given: Namespace, console: Console) -> int:
     if is_flight(name):
         found = describe_flight(name, console)
     if not found and is_recording(name):
-        found = describe_recording(name, console)
+        imu = None if given.imu is None else imu_spec(told(given.imu, IMU_PRESETS, "IMU preset"))
+        found = describe_recording(name, console, imu)
     if not found and (
         ":" in name or name in finding.names()
     ):  # last: the names of other packages take a process to list

@@ -11,6 +11,7 @@ from sins_env import earth, recordings
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.show.style import titled
 from sins_env.recordings import first_few, seconds
+from sins_env.specs import ImuSpec
 from sins_env.units import DEG_PER_H
 
 
@@ -20,11 +21,12 @@ def is_recording(name: str) -> bool:
     return Path(name).suffix.lower() in endings or Path(name).is_file()
 
 
-def describe_recording(name: str, console: Console) -> bool:
-    """Print the contents of a recording."""
+def describe_recording(name: str, console: Console, imu: ImuSpec | None = None) -> bool:
+    """Print the contents of a recording; ``imu`` is what is told of its sensors."""
     with Bar(f"reading {name}"):
         recording = recordings.load(name, accept=recordings.REFUSING)
         found, against = recordings.summarise(recording), recordings.findings(recording)
+        north = recordings.north(recording, imu)
     table = titled(recording.name)
     table.show_header = False
     table.add_column(no_wrap=True)
@@ -44,7 +46,7 @@ def describe_recording(name: str, console: Console) -> bool:
         "|f|": f"{_three(found.force, 1.0, '.4f')} m/s² (median and range of means over 1 s); gravity {gravity:.4f}",
         "|w|": f"{_three(found.rate, DEG_PER_H, '.4g')} deg/h",
         "at rest": _spans(found.rest),
-        "first heading": _heading(found),
+        "first heading": _heading(found) if north.found else f"none: {north}",
     }
     if gnss is None:
         del rows["lever arm"]

@@ -10,11 +10,14 @@ from rich.console import Console
 
 from sins_env import recordings
 from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
+from sins_env.cli.verbs.sensors import sensor_settings
 from sins_env.evaluation.estimators.guard import EstimatorError, Refusal
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.replay import replaying, tables
 from sins_env.evaluation.replay.angles_figure import replay_figure
 from sins_env.evaluation.replay.track_figure import track_figure
+from sins_env.specs import imu_spec
+from sins_env.worlds.replay_settings import ReplaySettings
 
 
 def convert(given: Namespace, console: Console) -> int:
@@ -53,13 +56,11 @@ def replay(given: Namespace, console: Console) -> int:
     check_plot(given.plot)
     settings = {
         name: value
-        for name, value in (("coarse", given.coarse), ("epoch", given.epoch), ("imu", given.imu), ("mode", given.mode))
+        for name, value in (("coarse", given.coarse), ("epoch", given.epoch), ("mode", given.mode))
         if value is not None
-    }
+    } | sensor_settings(given)
     if given.accept:
         settings["accept"] = tuple(given.accept)
-    if given.outage:
-        settings["gps"] = {"outages_s": given.outage}
     try:
         with Bar(f"{given.solver} on {given.recording}") as bar:
             one = replaying.replay(
@@ -77,8 +78,12 @@ def replay(given: Namespace, console: Console) -> int:
         raise
     except EstimatorError as error:
         raise RunFailed(f"{given.solver} on {given.recording}: {error}") from error
-    for found in recordings.findings(recordings.load(given.recording, accept=given.accept or None)):
+    recording = recordings.load(given.recording, accept=given.accept or None)
+    for found in recordings.findings(recording):
         remark(f"warning: {found}")
+    north = recordings.north(recording, imu_spec(settings.get("imu", ReplaySettings.imu)))
+    if not north.found:
+        remark(f"no first heading: {north}")
     console.print(tables.table(one))
     if one.track is not None:
         console.print(tables.track_table(one, tables.MOST_ROWS))

@@ -169,16 +169,17 @@ def test_cli_replay(cli, still, tmp_path):
     base = ("--coarse", 5, "--window", 100, 20)
     code, out, err = cli("replay", "still.npz", FOLLOWERS + "Fixed", *base, "--stride", 10, "--plot", "r.png")
     assert err.pop(0).startswith("warning: earth_rate_at_rest: at rest the gyros turn by 0 deg/h, the earth by 15.04")
+    assert err.pop(0).startswith("no first heading: gyros of 15 deg/h (measured at rest)")
     assert (code, err) == (0, ["figure: r.png"])
     for part in ("120 to 140", "350.200", "heading error, deg", "spread (1 sigma)", "0.15811", "RMS"):
         assert part in out
     assert (tmp_path / "r.png").stat().st_size > 30_000
     code, out, err = cli("replay", "bare.csv", FOLLOWERS + "Fixed", *base, "--window", 130, 20)
-    assert (code, err[1:]) == (0, [])
+    assert (code, err[2:]) == (0, [])
     assert "error" not in out
     code, out, err = cli("replay", "still.npz", FOLLOWERS + "Fixed", *base, "--stride", 10, "--set", "bad=true")
     assert (code, "200 failed epochs" in out) == (1, True)
-    assert err[1:] == [f"sins-env: {FOLLOWERS}Fixed on still, window from 110 s: 200 failed epochs"]
+    assert err[2:] == [f"sins-env: {FOLLOWERS}Fixed on still, window from 110 s: 200 failed epochs"]
     code, out, err = cli("replay", "still.npz", FOLLOWERS + "Breaks", *base)
     assert (code, out) == (1, "")
     assert err == [f"sins-env: {FOLLOWERS}Breaks on still.npz: step raised ArithmeticError: no square root"]
@@ -197,6 +198,12 @@ def test_cli_replay(cli, still, tmp_path):
         (("replay", "still.npz", PLUGIN + "Noisy", "--stride", 5), "allowed: a single window"),
         (("replay", "still.npz", PLUGIN + "Noisy", "--window", 100, 20, "--window", 120, 30), "one length for all"),
         (("replay", "still.npz", PLUGIN + "Noisy", "--imu", "mem", "--coarse", 5), "did you mean 'mems'?"),
+        (
+            ("replay", "still.npz", PLUGIN + "Noisy", "--imu", "mems,arw_deg_h=1"),
+            "mean 'arw_deg_sqrt_h'|arw_deg_s_sqrt_hz",
+        ),
+        (("replay", "still.npz", PLUGIN + "Noisy", "--gps", "vel_std_cm_s=-1"), "given as vel_std_cm_s = -1"),
+        (("describe", "mems", "--imu", "mems"), "allowed: for a recording"),
         (("replay", "still.npz", PLUGIN + "Noisy", "--epoch", 0.015), "whole samples"),
         (("replay", "still.npz", PLUGIN + "Noisy", "--plot", "a.xyz"), "allowed: a file that ends in"),
         (("convert", "still.npz", "still.npz"), "exists already"),
