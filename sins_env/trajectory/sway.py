@@ -1,4 +1,4 @@
-"""The swaying base of 000 section 2.5.1: sinusoids in heading, pitch, roll and in the three velocities.
+"""A swaying base: sinusoids in heading, pitch, roll and in the three velocities, those of 000 section 2.5.1 or one's own.
 
 The attitude about the mean heading is the same in every run. What differs between runs, the mean heading and the phases
 of the linear sway, enters rate and specific force linearly. With g_k(t) the functions 1, cos(w t), sin(w t) of the
@@ -7,20 +7,24 @@ oscillators, and C_0(t) the attitude about the mean heading, the increments of a
     integral of C_0'(t) r(t) dt  =  sum over k of  [integral of C_0'(t) g_k(t) dt]  r_k(run),
 
 one small matrix product per run, which is left to BLAS. The integrals are Gauss-Legendre sums, exact to rounding. With
-``random=True`` the attitude differs between runs, too, and each run gets integrals of its own.
+``random=True``, or with angles whose phases are drawn, the attitude differs between runs, and each has its own integrals.
 
-The specific force omits the Coriolis term of the base's own transport rate, omega_en x V, which is 2e-10 m/s^2.
+The specific force omits the Coriolis term of the base's own transport rate, omega_en x V. It is 2e-10 m/s^2 in the thesis,
+and 2e-7 m/s^2 at 1 m/s.
 See docs/mathematics/simulation.md#sway.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 
-from sins_env import attitude, earth
+from sins_env import attitude, checks, earth
 from sins_env.arrays import Array, Rngs
 from sins_env.attitude import body_rate_planes
 from sins_env.earth import displaced
@@ -49,6 +53,95 @@ from sins_env.units import DEG, G0
 
 _SLOW = 12.0  # rad/s, above the sums of the sway's frequencies and of their doubles
 
+TURNS = ("yaw", "pitch", "roll")  #: axes of a component that turns the base about its mean attitude
+WAYS = ("surge", "sway", "heave")  #: axes of one that moves it: forward, to the right and up from the mean heading
+AXES = (*TURNS, *WAYS)
+#: Largest sum of the amplitudes about or along an axis, deg and m.
+MOST_AMPLITUDE = {"yaw": 180.0, "pitch": 80.0, "roll": 180.0, **dict.fromkeys(WAYS, 50.0)}
+MOST_SPEED_MPS = 10.0  #: largest sum of the speeds along an axis
+MOST_COMPONENTS = 500  #: most components of an axis
+LEAST_PERIOD_S, MOST_PERIOD_S = 0.2, 1e5
+
+
+@dataclass(frozen=True)
+class Component:
+    """The sinusoid amplitude cos(2 pi t / period + phase) of one angle or one way.
+
+    Raises:
+        ValueError: a value out of its range.
+    """
+
+    amplitude: float  #: amplitude of an angle in deg, of a way in m
+    period_s: float = 8.0  #: period, s
+    phase_deg: float | None = None  #: phase at t = 0, deg; None draws it in each run
+
+    def __post_init__(self) -> None:
+        checks.keep(self, "amplitude", check_amplitude)
+        checks.keep(self, "period_s", check_period)
+        checks.keep(self, "phase_deg", check_phase)
+
+    @property
+    def omega(self) -> float:
+        """Frequency, rad/s."""
+        return 2 * math.pi / self.period_s
+
+
+def check_amplitude(name: str, given: Any) -> float:
+    """Check the amplitude of a component, deg or m."""
+    return checks.number(name, given, least=0.0, most=180.0)
+
+
+def check_period(name: str, given: Any) -> float:
+    """Check the period of a component, s."""
+    return checks.number(name, given, least=LEAST_PERIOD_S, most=MOST_PERIOD_S)
+
+
+def check_phase(name: str, given: Any) -> float | None:
+    """Check the phase of a component, deg, or None."""
+    allowed = "an angle in degrees, -360 to 360, or None, which draws it in each run"
+    return None if given is None else checks.number(name, given, allowed, least=-360.0, most=360.0)
+
+
+def amplitude_field(axis: str) -> str:
+    """Return the name of the amplitude in the dict of a component of that axis, which has the unit."""
+    return "amplitude_deg" if axis in TURNS else "amplitude_m"
+
+
+def _component(axis: str, given: Any) -> Component:
+    amplitude = amplitude_field(axis)
+    allowed = (amplitude, "period_s", "phase_deg")
+    if not isinstance(given, Mapping):
+        raise checks.refused(axis, given, f"a dict of {', '.join(allowed)}, or a list of such dicts")
+    for name in given:
+        checks.choice(f"setting of {axis}", name, allowed)
+    if amplitude not in given:
+        raise ValueError(f"{axis} = {checks.shown(given)} has no {amplitude}; allowed: a number from 0 on")
+    fields = {"amplitude" if name == amplitude else name: value for name, value in given.items()}
+    try:
+        return Component(**fields)
+    except ValueError as error:
+        text = str(error)
+        raise ValueError(f"{axis}.{text.replace('amplitude', amplitude, 1) if text[:9] == 'amplitude' else text}") from None
+
+
+def components_of(axis: str, given: Any) -> tuple[Component, ...]:
+    """Return the components about or along an axis from a dict, or a list of dicts.
+
+    Raises:
+        ValueError: an unknown setting, a value out of its range, or components that are too large together.
+    """
+    several = checks.items(given)
+    found = tuple(_component(axis, one) for one in ([given] if several is None else several))
+    if len(found) > MOST_COMPONENTS:
+        raise ValueError(f"{len(found)} components of {axis}; allowed: at most {MOST_COMPONENTS}")
+    total, most = sum(one.amplitude for one in found), MOST_AMPLITUDE[axis]
+    if total > most * (1 + 1e-9):
+        raise ValueError(f"the amplitudes of {axis} add up to {total:g}; allowed: at most {most:g}")
+    speed = sum(one.amplitude * one.omega for one in found) if axis in WAYS else 0.0
+    if speed > MOST_SPEED_MPS:
+        raise ValueError(f"the speeds of {axis} add up to {speed:g} m/s; allowed: at most {MOST_SPEED_MPS:g} m/s")
+    return found
+
 
 @dataclass(frozen=True)
 class Oscillation:
@@ -68,6 +161,25 @@ class SwayMotion:
     roll: Oscillation
     sway_m: tuple[float, float, float]  #: amplitudes of the linear sway in the order E, N, U
     sway_period_s: tuple[float, float, float]  #: its periods in the same order
+    components: Mapping[str, tuple[Component, ...]] = field(default_factory=dict)  #: further ones by the name of their axis
+
+    @classmethod
+    def of(cls, given: Any) -> SwayMotion:
+        """Make a motion from a dict that has, for some axes, a component or a list of them; a motion is returned as it is.
+
+        A component is a dict of ``amplitude_deg`` (along an axis ``amplitude_m``), ``period_s`` and ``phase_deg``. About and
+        along an axis that is left out the base stays still.
+
+        Raises:
+            ValueError: an unknown axis or setting, a value out of its range, or components that are too large together.
+        """
+        if isinstance(given, SwayMotion):
+            return given
+        if not isinstance(given, Mapping):
+            raise checks.refused("motion", given, f"{', '.join(MOTIONS)}, or a dict of {', '.join(AXES)}")
+        for name in given:
+            checks.choice("axis of motion", name, AXES)
+        return replace(STILL, components={name: components_of(name, given[name]) for name in AXES if name in given})
 
 
 #: The motion of 000 section 2.5.1. See docs/mathematics/simulation.md#sway.
@@ -100,7 +212,7 @@ class Sway:
         heading_deg: mean heading of every run; None draws it over the circle in each run.
         vibration: whether the vibration of 000 (2.5.5) is added.
         random: whether each run scales the amplitudes by 0.5 to 1.5 and the periods by 0.7 to 1.4, and draws the phases
-            of the attitude as well.
+            of the attitude as well. Further components of the motion stay as they are.
     """
 
     def __init__(
@@ -120,14 +232,18 @@ class Sway:
         self._gravity = float(earth.gravity(model, site.latitude, site.height))
         self._rate_ie = earth.rate_n(model, site.latitude)
         self._transport = earth.transport_matrix(model, site.latitude, site.height)
-        self._nodes, self._weights = np.polynomial.legendre.leggauss(_node_count(0.5 * epoch_s / n_sub, vibration))
+        self._nodes, self._weights = np.polynomial.legendre.leggauss(
+            _node_count(0.5 * epoch_s / n_sub, vibration, motion.components)
+        )
 
     def reset(self, rngs: Rngs, heading: Array | None = None) -> NavState:
         """Draw one motion per generator, and return the true states at t = 0, (runs, ...).
 
         ``heading`` (runs,), rad, gives the mean headings and overrides ``heading_deg``.
         """
-        draws = np.stack([rng.random(22) for rng in rngs])  # one layout whatever the options: streams stay comparable
+        further = [one for ones in self.motion.components.values() for one in ones]
+        drawn = sum(one.phase_deg is None for one in further)
+        draws = np.stack([rng.random(22 + drawn) for rng in rngs])  # one layout whatever the options: streams stay comparable
         runs = len(rngs)
         mean = 2 * np.pi * draws[:, 0] if self.heading_deg is None else np.full(runs, self.heading_deg * DEG)
         self._heading = mean if heading is None else heading
@@ -142,17 +258,29 @@ class Sway:
             phase = 2 * np.pi * draws[:, 13:16]
             sway = sway * (0.5 + draws[:, 16:19])
             sway_omega = sway_omega / (0.7 + 0.7 * draws[:, 19:22])
-        #: amplitudes, frequencies and phases of heading, pitch, roll, (3, 3) or (runs, 3, 3)
-        self._turn = np.stack(np.broadcast_arrays(amplitude, omega, phase), axis=-2)
+        free = iter(2 * np.pi * draws[:, 22:].T)
+        own = {name: [(one, _phase(one, free)) for one in self.motion.components.get(name, ())] for name in AXES}
+        groups = [np.stack(np.broadcast_arrays(amplitude, omega, phase), axis=-2)]
+        groups += map(_turns, zip_longest(*(own[name] for name in TURNS)))
+        #: amplitudes, frequencies and phases of heading, pitch, roll, (c, 3, 3) or (runs, c, 3, 3)
+        self._turn = np.stack(np.broadcast_arrays(*groups), axis=-3)
         omegas, speeds, phases = [sway_omega], [sway * sway_omega], [2 * np.pi * draws[:, 1:4]]
         if self.vibration:
             vibration_omega = np.broadcast_to(2 * np.pi * VIBRATION_HZ, sway_omega.shape)
             omegas.append(vibration_omega)
             speeds.append(VIBRATION_ACCEL / vibration_omega)
             phases.append(2 * np.pi * draws[:, 4:7])
+        for name, along in zip(WAYS, _directions(self._heading), strict=True):
+            for one, angle in own[name]:
+                omegas.append(np.full(sway_omega.shape, one.omega))
+                speeds.append(one.amplitude * one.omega * along)
+                phases.append(np.broadcast_to(np.asarray(angle)[..., None] + np.pi / 2, (runs, 3)))  # of the speed
         self._omega = np.concatenate(omegas, axis=-1)  # (J,) or (runs, J), oscillator j moves along axis j % 3
-        self._speed = np.concatenate(speeds, axis=-1)
+        self._speed = np.concatenate(np.broadcast_arrays(*speeds), axis=-1)  # likewise
         self._phase = np.concatenate(phases, axis=-1)  # (runs, J)
+        self._differs = self._turn.ndim > 3  # whether the attitude about the mean heading differs between runs
+        if self._differs:
+            self._omega = np.broadcast_to(self._omega, self._phase.shape)
         self._coefficients = self._expand()
         state, _ = self.states(np.zeros(1))
         return NavState(*(part[:, 0] for part in state))
@@ -162,7 +290,7 @@ class Sway:
         edges = np.arange(first_epoch * self.n_sub, (first_epoch + num_epochs) * self.n_sub + 1, dtype=np.float64)
         edges *= self.epoch_s / self.n_sub
         shape = (len(self._heading), num_epochs, self.n_sub, 3)
-        if not self.random:
+        if not self._differs:
             dtheta, dvel = self._increments(slice(None), edges)
         else:  # each run has integrals of its own: in blocks, since they are many times as large as the increments
             dtheta, dvel = np.empty((2, len(self._heading), 3 * (len(edges) - 1)))
@@ -216,7 +344,7 @@ class Sway:
 
     def _of(self, runs: slice, part: Array) -> Array:
         """Return the rows of these runs, or all of ``part`` if the runs share it."""
-        return part[runs] if self.random else part
+        return part[runs] if self._differs else part
 
     def states(self, t: Array) -> tuple[NavState, Array]:
         """Return the true states (runs, len(t), ...) and omega_eb^b."""
@@ -224,7 +352,7 @@ class Sway:
             part.reshape(*part.shape[:-1], 1, -1, 3) for part in (self._omega, self._speed, self._phase)
         )
         *state, rate_eb_b = _state(
-            self._turn[..., None, :, :],
+            self._turn[..., None, :, :, :],
             self._heading[:, None],
             omega,
             speed,
@@ -237,9 +365,28 @@ class Sway:
         return NavState(*state), rate_eb_b
 
 
+def _phase(one: Component, free: Iterator[Array]) -> float | Array:
+    """Return the phase of a component, rad; one that is drawn is taken from ``free``, (runs,)."""
+    return next(free) if one.phase_deg is None else one.phase_deg * DEG
+
+
+def _turns(group: tuple[tuple[Component, float | Array] | None, ...]) -> Array:
+    """Return amplitudes, frequencies and phases of one component of heading, pitch and roll each, (3, 3) or (runs, 3, 3)."""
+    amplitude = [one[0].amplitude * DEG if one else 0.0 for one in group]
+    omega = [one[0].omega if one else 1.0 for one in group]
+    phase = np.stack(np.broadcast_arrays(*(one[1] if one else 0.0 for one in group)), axis=-1)
+    return np.stack(np.broadcast_arrays(amplitude, omega, phase), axis=-2)
+
+
+def _directions(heading: Array) -> tuple[Array, Array, Array]:
+    """Return the unit vectors forward, to the right and up at mean headings (runs,), each (runs, 3) E, N, U."""
+    c, s, zero = np.cos(heading), np.sin(heading), np.zeros_like(heading)
+    return np.stack([s, c, zero], axis=-1), np.stack([c, -s, zero], axis=-1), np.stack([zero, zero, zero + 1.0], axis=-1)
+
+
 @helper
 def _angles(amplitude: Vector, omega: Vector, phase: Vector, t: float) -> tuple[Vector, Vector]:
-    """Return heading about its mean, pitch and roll at time t, and their rates."""
+    """Return what a component adds to heading, pitch and roll at time t, and to their rates."""
     s, c = sincos3(add(scale(t, omega), phase))
     return (
         times(amplitude, c),
@@ -247,14 +394,14 @@ def _angles(amplitude: Vector, omega: Vector, phase: Vector, t: float) -> tuple[
     )
 
 
-@kernel("(3,3),(k),(m),(p),(p)->(3,k,m,3),(m,3)")
+@kernel("(c,3,3),(k),(m),(p),(p)->(3,k,m,3),(m,3)")
 def _integrated(
     oscillation: Array, omega: Array, t: Array, nodes: Array, weights: Array, table: Array, turning: Array
 ) -> None:
     """Integrate C_0' g_k and omega_nb^b over samples.
 
     Args:
-        oscillation: amplitudes, frequencies and phases of heading, pitch, roll.
+        oscillation: amplitudes, frequencies and phases of heading, pitch, roll in each component.
         omega: frequencies of the functions g_k, which are 1, and then a cosine and a sine of each frequency.
         t: middles of the samples, s.
         nodes: nodes of the integrals about the middle of a sample, s.
@@ -263,15 +410,22 @@ def _integrated(
         turning: integrals of omega_nb^b.
     """
     samples, K = len(t), len(omega)
-    amplitude, swing, phase = row(oscillation, 0), row(oscillation, 1), row(oscillation, 2)
     C, rate, g = np.empty((9, samples)), np.empty((3, samples)), np.ones((K, samples))
+    angle, spin = np.empty((3, samples)), np.empty((3, samples))
     at, sums, turned = np.empty(samples), np.zeros((9 * K, samples)), np.zeros((3, samples))
     for p in range(len(nodes)):
         for i in range(samples):
             at[i] = t[i] + nodes[p]
+        angle[:], spin[:] = 0.0, 0.0
+        for j in range(len(oscillation)):
+            part = oscillation[j]
+            for i in range(samples):
+                angles, rates = _angles(row(part, 0), row(part, 1), row(part, 2), at[i])
+                angle[0, i], angle[1, i], angle[2, i] = add((angle[0, i], angle[1, i], angle[2, i]), angles)
+                spin[0, i], spin[1, i], spin[2, i] = add((spin[0, i], spin[1, i], spin[2, i]), rates)
         for i in range(samples):
-            angles, rates = _angles(amplitude, swing, phase, at[i])
-            s, c = sincos3((angles[1], angles[2], -angles[0]))
+            rates = spin[0, i], spin[1, i], spin[2, i]
+            s, c = sincos3((angle[1, i], angle[2, i], -angle[0, i]))
             # C_0' = C_n^c(phi) of phi = (pitch, roll, -heading)
             C[0, i], C[1, i], C[2, i], C[3, i], C[4, i], C[5, i], C[6, i], C[7, i], C[8, i] = misaligned(s, c)
             rate[0, i], rate[1, i], rate[2, i] = body_rate_planes((s[0], s[1]), (c[0], c[1]), rates)
@@ -295,7 +449,7 @@ def _integrated(
                     table[n, k, i, b] = sums[(3 * b + n) * K + k, i]
 
 
-@kernel("(3,3),(),(j,3),(j,3),(j,3),(3,3),(3),(2),()->(4),(3),(3),(3)")
+@kernel("(c,3,3),(),(j,3),(j,3),(j,3),(3,3),(3),(2),()->(4),(3),(3),(3)")
 def _state(
     oscillation: Array,
     heading: float,
@@ -314,7 +468,7 @@ def _state(
     """Return attitude, velocity, position and omega_eb^b at time t.
 
     Args:
-        oscillation: amplitudes, frequencies and phases of heading, pitch, roll.
+        oscillation: amplitudes, frequencies and phases of heading, pitch, roll in each component.
         heading: mean heading, rad.
         omega: frequencies of the linear sway along E, N, U, and then of the vibration, rad/s.
         speed: amplitudes of its velocity, m/s.
@@ -324,7 +478,10 @@ def _state(
         radii: radii of curvature there, m.
         t: time, s.
     """
-    angles, rates = _angles(row(oscillation, 0), row(oscillation, 1), row(oscillation, 2), t)
+    angles, rates = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(len(oscillation)):
+        turned, turning = _angles(row(oscillation[i], 0), row(oscillation[i], 1), row(oscillation[i], 2), t)
+        angles, rates = add(angles, turned), add(rates, turning)
     q = correction((angles[1], angles[2], -(angles[0] + heading)))
     s, c = sincos3((angles[1], angles[2], 0.0))
     here, v, metres = vector(place), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -340,12 +497,18 @@ def _state(
     put_vector(add(body_rate_planes((s[0], s[1]), (c[0], c[1]), rates), carried), rate_eb_b)
 
 
-def _node_count(half: float, vibration: bool) -> int:
+def _node_count(half: float, vibration: bool, components: Mapping[str, tuple[Component, ...]]) -> int:
     """Return how many Gauss-Legendre nodes integrate the fastest oscillation over a sample of 2 ``half`` s to rounding.
 
-    For exp(i k x) over (-1, 1) the error falls as (e k / 4n)^(2n). With too few nodes vibration would alias.
+    For exp(i k x) over (-1, 1) the error falls as (e k / 4n)^(2n). With too few nodes vibration would alias. The sine of an
+    angle has harmonics up to its greatest rate.
     """
-    k = half * (_SLOW + 2 * np.pi * (float(VIBRATION_HZ.max()) if vibration else 0.0))
+    own = 0.0
+    for axis, ones in components.items():
+        fastest = max((one.omega for one in ones), default=0.0)
+        rates = sum(one.amplitude * DEG * one.omega for one in ones) if axis in TURNS else 0.0
+        own += 4.0 * (fastest + rates) if axis in TURNS else fastest
+    k = half * (max(_SLOW, own) + 2 * np.pi * (float(VIBRATION_HZ.max()) if vibration else 0.0))
     nodes = 5
     while 2 * nodes * math.log(math.e * k / (4 * nodes)) > math.log(1e-16):
         nodes += 1

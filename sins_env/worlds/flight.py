@@ -12,7 +12,6 @@ from sins_env.arrays import Array
 from sins_env.prior import COARSE_STD_DEG, PRIORS, SWITCH_ON_STD_DEG
 from sins_env.sensors.gps import Gps, epochs_per_fix
 from sins_env.sensors.imu import Imu, Script
-from sins_env.sensors.limits import MAX_SPEED
 from sins_env.specs import GpsSpec, ImuSpec, gps_spec, imu_spec
 from sins_env.trajectory import Flight
 from sins_env.types import NavState, Site, Task
@@ -22,13 +21,17 @@ from sins_env.worlds.settings import (
     STARTS,
     Timed,
     check_aids,
+    check_attitude_std,
     check_coarse,
     check_duration,
     check_epoch,
     check_misalignment,
+    check_position_std,
     check_samples,
     check_timing,
+    check_velocity_std,
     told_aids,
+    told_sensors,
 )
 from sins_env.worlds.simulated import SimulatedWorld
 from sins_env.worlds.world import told_start
@@ -57,7 +60,8 @@ class FlightSettings(Timed):
     phase of a ``start`` of "unknown" lasts by default for as long as the flight stands still. With a ``coarse`` of 0, and in a
     flight that begins in motion, estimators begin at switch-on.
 
-    ``aids`` are further sensors by name, each with a preset or a dict of fields.
+    ``aids`` are further sensors by name, each with a preset or a dict of fields. ``told`` is a dict of what solvers are told
+    of the sensors where it differs from the truth: ``imu``, ``gps``, or both.
 
     Raises:
         ValueError: any value out of its range, or values that do not fit together.
@@ -79,6 +83,7 @@ class FlightSettings(Timed):
     position_std_m: float | None = None
     prior: str = "matched"
     aids: Any = ()
+    told: Any = None
 
     def __post_init__(self) -> None:
         checks.choice("start", self.start, STARTS)
@@ -92,12 +97,11 @@ class FlightSettings(Timed):
         for name in ("attitude_std_deg", "velocity_std_mps", "position_std_m"):
             if getattr(self, name) is None:
                 set_(self, name, getattr(self.base, name))
-        allowed = "three positive numbers (E, N, U), at most 360, or None"
-        checks.keep(self, "attitude_std_deg", checks.numbers, 3, allowed, above=0.0, most=360.0)
-        for name, most in (("velocity_std_mps", MAX_SPEED), ("position_std_m", 1e7)):
-            checks.keep(self, name, checks.number, f"a positive number or None, at most {most:g}", above=0.0, most=most)
+        checks.keep(self, "attitude_std_deg", check_attitude_std)
+        checks.keep(self, "velocity_std_mps", check_velocity_std)
+        checks.keep(self, "position_std_m", check_position_std)
         epochs_per_fix(self.gps_true, self.epoch)
-        _ = self.imu_true
+        _ = self.sensors_told
         set_(self, "aids", check_aids(self.aids, self.epoch))
 
     def _check_times(self) -> None:
@@ -129,6 +133,11 @@ class FlightSettings(Timed):
         return self.base.gps if self.gps is None else gps_spec(self.gps, self.base.gps)
 
     @property
+    def sensors_told(self) -> tuple[ImuSpec, GpsSpec]:
+        """What estimators are told of the IMU and of the fixes, which is the truth unless ``told`` says otherwise."""
+        return told_sensors(self.told, self.imu_true, self.gps_true)
+
+    @property
     def script(self) -> Script:
         """Departures of the true sensors from their specification."""
         own = self.base.script if self.imu is None else None
@@ -148,7 +157,7 @@ class FlightSettings(Timed):
 
     def task(self, env_id: str) -> Task:
         """Return what estimators are told; the reset of an episode fills in its start."""
-        imu, gps, site = self.imu_true, self.gps_true, self.base.plan.site
+        (imu, gps), site = self.sensors_told, self.base.plan.site
         if self.start == "told":
             site = region(site)
         spread = self.attitude_std_deg if self.start == "told" else coarse_std_deg(imu, site, self.coarse_s)

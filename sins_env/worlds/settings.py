@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,7 +15,7 @@ from sins_env.arrays import Array
 from sins_env.prior import ANY_HEADING_STD_DEG, COARSE_STD_DEG, PRIORS, SWITCH_ON_STD_DEG, TOLD_START_STD_DEG
 from sins_env.sensors.aids import specs as aid_specs
 from sins_env.sensors.gps import epochs_per_fix
-from sins_env.sensors.limits import MAX_TIME
+from sins_env.sensors.limits import MAX_HEIGHT, MAX_SPEED, MAX_TIME
 from sins_env.specs import AidSpec, GpsSpec, ImuSpec, gps_spec, imu_spec
 from sins_env.types import Site, Task
 from sins_env.units import DEG
@@ -57,7 +58,11 @@ class SimulationSettings(Timed):
     ``misalignment_deg`` fixes the misalignment of a told start, E, N, U. None draws it from the prior. ``any_heading``
     draws the told heading over the circle, and the prior says so.
 
-    ``heading_deg`` is the mean heading. None draws it over the circle in each run. A list of headings makes one record of
+    ``attitude_std_deg`` (E, N, U) and ``velocity_std_mps`` are 1 sigma of the told start, which the prior states; None is
+    1, 1 and 15 deg, and 0.2 m/s. ``told`` is a dict of what solvers are told of the sensors where it differs from the truth:
+    ``imu``, ``gps``, or both, each like the setting of that name, whose fields it replaces.
+
+    ``latitude_deg``, ``longitude_deg`` and ``height_m`` are the place. ``heading_deg`` is the mean heading. None draws it over the circle in each run. A list of headings makes one record of
     each, and ``reset(options={"record": i})`` picks a record; without this option the seed of a run draws one. In the vector
     environment ``i`` is a list with an index for each row, or the index of the first row, which the others follow.
 
@@ -82,6 +87,11 @@ class SimulationSettings(Timed):
     heading_deg: Any = 30.0
     earth: str = "wgs84"
     aids: Any = ()
+    longitude_deg: float = LONGITUDE_DEG
+    height_m: float = 0.0
+    attitude_std_deg: tuple[float, ...] | None = None
+    velocity_std_mps: float | None = None
+    told: Any = None
 
     def __post_init__(self) -> None:
         checks.choice("start", self.start, STARTS)
@@ -93,7 +103,13 @@ class SimulationSettings(Timed):
         set_(self, "coarse", check_coarse(self.coarse, self.start, self.COARSE_S))
         set_(self, "duration", check_duration(self.duration, self.FINE_S + self.coarse_s))
         check_timing(self.epoch, self.duration_s, self.coarse_s)
-        earth.check_latitude(math.radians(checks.number("latitude_deg", self.latitude_deg, "-89.9 to 89.9")))
+        checks.keep(self, "latitude_deg", check_latitude)
+        checks.keep(self, "longitude_deg", check_longitude)
+        checks.keep(self, "height_m", check_height)
+        for name, check in (("attitude_std_deg", check_attitude_std), ("velocity_std_mps", check_velocity_std)):
+            checks.keep(self, name, check)
+            if getattr(self, name) is not None and self.start != "told":
+                raise ValueError(f"{name} with start = {self.start!r}; allowed: with start = 'told' only")
         set_(self, "heading_deg", check_heading(self.heading_deg))
         set_(self, "misalignment_deg", check_misalignment(self.misalignment_deg, self.start))
         checks.flag("any_heading", self.any_heading)
@@ -103,7 +119,7 @@ class SimulationSettings(Timed):
                 "allowed: with start = 'told' and a drawn misalignment only"
             )
         epochs_per_fix(self.gps_true, self.epoch)
-        _ = self.imu_true
+        _ = self.sensors_told
         set_(self, "aids", check_aids(self.aids, self.epoch))
 
     @property
@@ -128,25 +144,33 @@ class SimulationSettings(Timed):
         return gps_spec(self.gps)
 
     @property
+    def sensors_told(self) -> tuple[ImuSpec, GpsSpec]:
+        """What estimators are told of the IMU and of the fixes, which is the truth unless ``told`` says otherwise."""
+        return told_sensors(self.told, self.imu_true, self.gps_true)
+
+    @property
     def gaussian_start(self) -> bool:
         """Whether the errors of the told start are drawn from the Gaussian that a matched prior states."""
         return self.start == "told" and self.misalignment_deg is None and not self.any_heading
 
     def task(self, env_id: str) -> Task:
         """Return what estimators are told; the reset of an episode fills in its start."""
-        spread = TOLD_START_STD_DEG if self.start == "told" else unknown_spread(self.coarse_s)
+        spread = self.attitude_std_deg or TOLD_START_STD_DEG if self.start == "told" else unknown_spread(self.coarse_s)
         if self.any_heading:
             spread = (*spread[:2], ANY_HEADING_STD_DEG)
-        prior = PRIORS[self.prior](self.imu_true, self.gps_true, self.epoch, spread)
+        imu, gps = self.sensors_told
+        prior = PRIORS[self.prior](imu, gps, self.epoch, spread)
+        if self.velocity_std_mps is not None:
+            prior = replace(prior, velocity_std_mps=self.velocity_std_mps)
         return Task(
             id=env_id,
-            site=Site(math.radians(self.latitude_deg), math.radians(LONGITUDE_DEG), 0.0, self.earth),
+            site=Site(math.radians(self.latitude_deg), math.radians(self.longitude_deg), self.height_m, self.earth),
             epoch_s=self.epoch,
             n_sub=self.n_sub,
             duration_s=self.duration_s,
             coarse_s=self.coarse_s,
-            imu=self.imu_true,
-            gps=self.gps_true.told(prior.gps_vel_std_mps if self.prior == "thesis" else None),
+            imu=imu,
+            gps=gps.told(prior.gps_vel_std_mps if self.prior == "thesis" else None),
             prior=prior,
             coarse_told=not self.coarse_s,
             aids=told_aids(self.aids),
@@ -165,6 +189,21 @@ def check_aids(given: Any, epoch_s: float) -> tuple[AidSpec, ...]:
     return found
 
 
+def told_sensors(given: Any, imu: ImuSpec, gps: GpsSpec) -> tuple[ImuSpec, GpsSpec]:
+    """Return what solvers are told of the true sensors: the dict ``told`` replaces fields of them.
+
+    Raises:
+        ValueError: another dict, or what a specification refuses.
+    """
+    if given is None:
+        return imu, gps
+    if not isinstance(given, Mapping):
+        raise checks.refused("told", given, "None, or a dict of imu and gps")
+    for name in given:
+        checks.choice("setting of told", name, ("imu", "gps"))
+    return imu_spec(given.get("imu", imu), imu), gps_spec(given.get("gps", gps), gps)
+
+
 def told_aids(aids: tuple[AidSpec, ...]) -> tuple[AidSpec, ...]:
     """Return what estimators are told of these sensors."""
     return tuple(spec.told() for spec in aids)
@@ -178,6 +217,39 @@ def check_heading(given: Any) -> float | tuple[float, ...] | None:
     if checks.items(given) is not None:
         return checks.numbers("heading_deg", given, None, allowed, least=-MOST_ANGLE_DEG, most=MOST_ANGLE_DEG)
     return checks.number("heading_deg", given, allowed, least=-MOST_ANGLE_DEG, most=MOST_ANGLE_DEG)
+
+
+def check_latitude(name: str, given: Any) -> float:
+    """Check a latitude in degrees."""
+    most = math.degrees(earth.MAX_LATITUDE)
+    return checks.number(name, given, f"-{most:g} to {most:g}", least=-most, most=most)
+
+
+def check_longitude(name: str, given: Any) -> float:
+    """Check a longitude in degrees."""
+    return checks.number(name, given, "-180 to 180", least=-180.0, most=180.0)
+
+
+def check_height(name: str, given: Any) -> float:
+    """Check a height in m."""
+    return checks.number(name, given, f"-1000 to {MAX_HEIGHT:g}", least=-1e3, most=MAX_HEIGHT)
+
+
+def check_attitude_std(name: str, given: Any) -> tuple[float, ...] | None:
+    """Check the standard deviations of a told attitude, E, N, U in degrees, or None."""
+    allowed = "three positive numbers (E, N, U), at most 360, or None"
+    return None if given is None else checks.numbers(name, given, 3, allowed, above=0.0, most=360.0)
+
+
+def check_velocity_std(name: str, given: Any) -> float | None:
+    """Check the standard deviation of a told velocity, m/s, or None."""
+    allowed = f"a positive number or None, at most {MAX_SPEED:g}"
+    return None if given is None else checks.number(name, given, allowed, above=0.0, most=MAX_SPEED)
+
+
+def check_position_std(name: str, given: Any) -> float | None:
+    """Check the standard deviation of a told position, m, or None."""
+    return None if given is None else checks.number(name, given, "a positive number or None, at most 1e+07", above=0.0, most=1e7)
 
 
 def check_epoch(given: Any) -> float:

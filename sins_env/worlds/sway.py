@@ -8,7 +8,7 @@ from typing import Any
 from sins_env import checks, earth
 from sins_env.arrays import Rngs
 from sins_env.sensors.gps import Gps
-from sins_env.trajectory import STILL, THESIS, Sway
+from sins_env.trajectory import STILL, THESIS, Sway, SwayMotion
 from sins_env.trajectory.sway import MOTIONS
 from sins_env.types import NavState
 from sins_env.worlds.settings import SimulationSettings
@@ -20,19 +20,33 @@ class AlignSettings(SimulationSettings):
     """Settings of ``SINS/AlignSway-v0`` and ``SINS/AlignStatic-v0``: these two, and those of all simulated bases.
 
     ``vibration`` adds the vibration of 000 (2.5.5). ``motion`` is "thesis", or "random" for amplitudes, periods and phases
-    that each run draws.
+    that each run draws. A dict is a motion of one's own. It has, for some of the axes roll, pitch, yaw, surge, sway and heave, a
+    component or a list of them, such as {"roll": {"amplitude_deg": 4, "period_s": 9.5}}. Surge, sway and heave have
+    ``amplitude_m``. A component without ``phase_deg`` has a phase that each run draws.
 
     Raises:
         ValueError: any value out of its range, or values that do not fit together.
     """
 
     vibration: bool = False
-    motion: str = "thesis"
+    motion: Any = "thesis"
 
     def __post_init__(self) -> None:
-        checks.choice("motion", self.motion, MOTIONS)
+        _ = self.sway
         checks.flag("vibration", self.vibration)
         super().__post_init__()
+
+    @property
+    def sway(self) -> SwayMotion:
+        """The motion of a base that sways.
+
+        Raises:
+            ValueError: an unknown name, axis or setting, or a value out of its range.
+        """
+        if isinstance(self.motion, str):
+            checks.choice("motion", self.motion, MOTIONS)
+            return THESIS
+        return SwayMotion.of(self.motion)
 
 
 class SwayWorld(BaseWorld):
@@ -48,7 +62,7 @@ class SwayWorld(BaseWorld):
             task.site,
             task.epoch_s,
             task.n_sub,
-            STILL if still else THESIS,
+            STILL if still else settings.sway,
             vibration=settings.vibration,
             random=settings.motion == "random",
         )

@@ -10,18 +10,33 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
 from sins_env import attitude, earth
-from sins_env.trajectory import STILL, THESIS, Sway
+from sins_env.trajectory import STILL, THESIS, Sway, SwayMotion
 from sins_env.types import Site
 
 DEG = np.pi / 180
 SITE = Site(39.96 * DEG, 116.3 * DEG, 0.0)
 WGS84 = earth.get("wgs84")
+#: A ship: several components of an angle, and coherent ways.
+OWN = {
+    "roll": [
+        {"amplitude_deg": 9.0, "period_s": 4.0, "phase_deg": 20.0},
+        {"amplitude_deg": 2.0, "period_s": 0.9, "phase_deg": 0.0},
+    ],
+    "pitch": {"amplitude_deg": 1.5, "period_s": 6.0, "phase_deg": -40.0},
+    "surge": {"amplitude_m": 0.5, "period_s": 8.0, "phase_deg": 15.0},
+    "sway": [{"amplitude_m": 0.2, "period_s": 7.0, "phase_deg": 90.0}],
+    "heave": {"amplitude_m": 0.8, "period_s": 5.0},
+}
+#: Its angles with phases of each run.
+DRAWN = {**OWN, "yaw": {"amplitude_deg": 30.0, "period_s": 12.0}, "pitch": {"amplitude_deg": 1.5, "period_s": 6.0}}
 VARIANTS = {
     "thesis": {},
     "heading": {"heading_deg": None},
     "random": {"heading_deg": None, "random": True},
     "thesis-earth": {"earth_model": "thesis"},
     "south": {"latitude_deg": -60.0},
+    "own": {"motion": SwayMotion.of(OWN), "heading_deg": 70.0},
+    "own drawn": {"motion": SwayMotion.of(DRAWN), "heading_deg": None},
 }
 
 
@@ -54,6 +69,51 @@ def test_thesis_numbers():
         coefficients, residual, *_ = np.linalg.lstsq(basis, state.vel[0, :, axis], rcond=None)
         assert residual[0] < 1e-25
         assert np.hypot(*coefficients) == pytest.approx(A * w, rel=1e-12)
+
+
+def test_a_motion_of_ones_own_moves_along_the_vessel():
+    """Every way is amplitude cos(2 pi t / period + phase) forward, to the right and up from the mean heading."""
+    sway, _ = make(runs=2, motion=SwayMotion.of(OWN), heading_deg=70.0)
+    state = sway.chunk(0, 200).state
+    t = 0.1 * np.arange(1, 201)
+    wave = {n: [(c["amplitude_" + u], 2 * np.pi / c["period_s"], c.get("phase_deg", 0) * DEG) for c in cs]
+            for n, cs, u in (("roll", OWN["roll"], "deg"), ("surge", [OWN["surge"]], "m"), ("sway", OWN["sway"], "m"))}  # fmt: skip
+    roll = sum(a * np.cos(w * t + p) for a, w, p in wave["roll"])
+    assert_allclose(euler_deg(state.q_nb[0])[:, 2], roll, atol=1e-11)
+    assert_array_equal(state.q_nb[0], state.q_nb[1])  # all phases of angles are told
+    forward, right = (sum(-a * w * np.sin(w * t + p) for a, w, p in wave[name]) for name in ("surge", "sway"))
+    h = 70.0 * DEG
+    assert_allclose(state.vel[0, :, 0], forward * np.sin(h) + right * np.cos(h), atol=1e-12)
+    assert_allclose(state.vel[0, :, 1], forward * np.cos(h) - right * np.sin(h), atol=1e-12)
+    heave = np.abs(state.vel[..., 2]).max(axis=1)
+    assert_allclose(heave, 0.8 * 2 * np.pi / 5.0, rtol=2e-3)
+    assert np.abs(state.vel[0, :, 2] - state.vel[1, :, 2]).max() > 0.01  # its phase is drawn
+
+
+def test_phases_that_are_drawn_leave_the_other_draws_as_they_were():
+    starts = [make(runs=2, motion=SwayMotion.of({"surge": OWN["surge"], **turns}), heading_deg=None)[1] for turns in ({}, {"yaw": {"amplitude_deg": 0.0}})]
+    assert_allclose(starts[0].vel, starts[1].vel, atol=1e-15)  # the same mean heading
+    angles = euler_deg(make(runs=2, motion=SwayMotion.of(DRAWN), heading_deg=None)[0].chunk(0, 200).state.q_nb)
+    assert_allclose(angles[0, :, 2], angles[1, :, 2], atol=1e-11)  # roll is told, pitch and yaw are drawn
+    assert np.abs(angles[0, :, 1] - angles[1, :, 1]).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"rol": {}}, "unknown axis of motion 'rol'; did you mean 'roll'"),
+        ({"roll": {"amplitude_m": 1}}, "unknown setting of roll 'amplitude_m'; did you mean 'amplitude_deg'"),
+        ({"roll": {"period_s": 1}}, "has no amplitude_deg; allowed"),
+        ({"pitch": {"amplitude_deg": -1}}, r"pitch.amplitude_deg = -1; allowed: a number >= 0 and <= 180"),
+        ({"pitch": [{"amplitude_deg": 41}] * 2}, "amplitudes of pitch add up to 82; allowed: at most 80"),
+        ({"surge": {"amplitude_m": 2, "period_s": 1}}, "speeds of surge add up to 12.5664 m/s; allowed: at most 10"),
+        ({"heave": 3}, "heave = 3; allowed: a dict of amplitude_m"),
+        ([], r"motion = \[\]; allowed: thesis, random, or a dict of yaw"),
+    ],
+)
+def test_a_motion_that_is_none_is_refused(given, message):
+    with pytest.raises(ValueError, match=message):
+        SwayMotion.of(given)
 
 
 def test_phases_of_the_sway_are_drawn_over_the_circle():
@@ -205,7 +265,11 @@ def test_vibration_in_the_velocity_is_the_integral_of_the_increments():
     assert_allclose(gained, motion.state.vel - start.vel[:, None], atol=1e-6)  # Coriolis of 0.01 m/s
 
 
-@pytest.mark.parametrize("options", [{}, {"vibration": True}, {"random": True, "heading_deg": None}], ids=str)
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"vibration": True}, {"random": True, "heading_deg": None}, VARIANTS["own"], VARIANTS["own drawn"]],
+    ids=["thesis", "vibration", "random", "own", "own drawn"],
+)
 def test_chunks_and_neighbours_do_not_matter(options):
     whole, _ = make(runs=3, **options)
     expected = whole.chunk(0, 12)
