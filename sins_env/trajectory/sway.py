@@ -121,7 +121,9 @@ def _component(axis: str, given: Any) -> Component:
         return Component(**fields)
     except ValueError as error:
         text = str(error)
-        raise ValueError(f"{axis}.{text.replace('amplitude', amplitude, 1) if text[:9] == 'amplitude' else text}") from None
+        raise ValueError(
+            f"{axis}.{text.replace('amplitude', amplitude, 1) if text[:9] == 'amplitude' else text}"
+        ) from None
 
 
 def components_of(axis: str, given: Any) -> tuple[Component, ...]:
@@ -161,7 +163,9 @@ class SwayMotion:
     roll: Oscillation
     sway_m: tuple[float, float, float]  #: amplitudes of the linear sway in the order E, N, U
     sway_period_s: tuple[float, float, float]  #: its periods in the same order
-    components: Mapping[str, tuple[Component, ...]] = field(default_factory=dict)  #: further ones by the name of their axis
+    components: Mapping[str, tuple[Component, ...]] = field(
+        default_factory=dict
+    )  #: further ones by the name of their axis
 
     @classmethod
     def of(cls, given: Any) -> SwayMotion:
@@ -243,7 +247,9 @@ class Sway:
         """
         further = [one for ones in self.motion.components.values() for one in ones]
         drawn = sum(one.phase_deg is None for one in further)
-        draws = np.stack([rng.random(22 + drawn) for rng in rngs])  # one layout whatever the options: streams stay comparable
+        draws = np.stack(
+            [rng.random(22 + drawn) for rng in rngs]
+        )  # one layout whatever the options: streams stay comparable
         runs = len(rngs)
         mean = 2 * np.pi * draws[:, 0] if self.heading_deg is None else np.full(runs, self.heading_deg * DEG)
         self._heading = mean if heading is None else heading
@@ -381,7 +387,11 @@ def _turns(group: tuple[tuple[Component, float | Array] | None, ...]) -> Array:
 def _directions(heading: Array) -> tuple[Array, Array, Array]:
     """Return the unit vectors forward, to the right and up at mean headings (runs,), each (runs, 3) E, N, U."""
     c, s, zero = np.cos(heading), np.sin(heading), np.zeros_like(heading)
-    return np.stack([s, c, zero], axis=-1), np.stack([c, -s, zero], axis=-1), np.stack([zero, zero, zero + 1.0], axis=-1)
+    return (
+        np.stack([s, c, zero], axis=-1),
+        np.stack([c, -s, zero], axis=-1),
+        np.stack([zero, zero, zero + 1.0], axis=-1),
+    )
 
 
 @helper

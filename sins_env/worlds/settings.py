@@ -59,12 +59,13 @@ class SimulationSettings(Timed):
     draws the told heading over the circle, and the prior says so.
 
     ``attitude_std_deg`` (E, N, U) and ``velocity_std_mps`` are 1 sigma of the told start, which the prior states; None is
-    1, 1 and 15 deg, and 0.2 m/s. ``told`` is a dict of what solvers are told of the sensors where it differs from the truth:
-    ``imu``, ``gps``, or both, each like the setting of that name, whose fields it replaces.
+    1, 1 and 15 deg, and 0.2 m/s. ``told`` is a dict of what solvers are told where it differs from the truth: ``imu``, ``gps``,
+    or both. Each is like the setting of that name, and replaces its fields.
 
-    ``latitude_deg``, ``longitude_deg`` and ``height_m`` are the place. ``heading_deg`` is the mean heading. None draws it over the circle in each run. A list of headings makes one record of
-    each, and ``reset(options={"record": i})`` picks a record; without this option the seed of a run draws one. In the vector
-    environment ``i`` is a list with an index for each row, or the index of the first row, which the others follow.
+    ``latitude_deg``, ``longitude_deg`` and ``height_m`` are the place. ``heading_deg`` is the mean heading. None draws it over
+    the circle in each run. A list of headings makes one record of each, and ``reset(options={"record": i})`` picks a record;
+    without this option the seed of a run draws one. In the vector environment ``i`` is a list with an index for each row, or
+    the index of the first row, which the others follow.
 
     Raises:
         ValueError: any value out of its range, or values that do not fit together.
@@ -249,7 +250,11 @@ def check_velocity_std(name: str, given: Any) -> float | None:
 
 def check_position_std(name: str, given: Any) -> float | None:
     """Check the standard deviation of a told position, m, or None."""
-    return None if given is None else checks.number(name, given, "a positive number or None, at most 1e+07", above=0.0, most=1e7)
+    return (
+        None
+        if given is None
+        else checks.number(name, given, "a positive number or None, at most 1e+07", above=0.0, most=1e7)
+    )
 
 
 def check_epoch(given: Any) -> float:

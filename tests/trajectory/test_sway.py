@@ -91,7 +91,10 @@ def test_a_motion_of_ones_own_moves_along_the_vessel():
 
 
 def test_phases_that_are_drawn_leave_the_other_draws_as_they_were():
-    starts = [make(runs=2, motion=SwayMotion.of({"surge": OWN["surge"], **turns}), heading_deg=None)[1] for turns in ({}, {"yaw": {"amplitude_deg": 0.0}})]
+    starts = [
+        make(runs=2, motion=SwayMotion.of({"surge": OWN["surge"], **turns}), heading_deg=None)[1]
+        for turns in ({}, {"yaw": {"amplitude_deg": 0.0}})
+    ]
     assert_allclose(starts[0].vel, starts[1].vel, atol=1e-15)  # the same mean heading
     angles = euler_deg(make(runs=2, motion=SwayMotion.of(DRAWN), heading_deg=None)[0].chunk(0, 200).state.q_nb)
     assert_allclose(angles[0, :, 2], angles[1, :, 2], atol=1e-11)  # roll is told, pitch and yaw are drawn
