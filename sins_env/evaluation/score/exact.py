@@ -203,22 +203,30 @@ def fragile(a: Array, b: Array, cap: float) -> bool:
     return bool((longer_a.mean() < longer_b.mean()) != wins) or sign_flips(longer_a, longer_b) > LEVEL
 
 
-def unbeaten(losses: Array, level: float = LEVEL) -> Mask:
-    """Return which columns of losses (R, k) no other one beats, one-sided at ``level`` / (k - 1), (k,).
+def beaten_by(losses: Array, failed: Mask, level: float = LEVEL) -> Array:
+    """Return by how many others each solver is beaten, one-sided at ``level`` / (k - 1), (k,).
 
-    They hold the best solver with a probability of at least 1 - ``level``, although the leader was selected.
+    One solver beats another if its score is told to be smaller or its failures to be fewer (McNemar), and neither the opposite.
+
+    Args:
+        losses: losses of k solvers in the same runs, (R, k).
+        failed: whether the runs failed, (R, k).
+        level: probability that the best solver is called beaten.
     """
-    return beaten_by(losses, level) == 0
-
-
-def beaten_by(losses: Array, level: float = LEVEL) -> Array:
-    """Return by how many others each column of losses (R, k) is beaten, one-sided at ``level`` / (k - 1), (k,)."""
     count, sums = losses.shape[1], losses.sum(axis=0)
-    order = np.argsort(sums, kind="stable")
-    drawn, sums = flipped(losses)[order], sums[order]
-    out = np.zeros(count, dtype=int)
-    for place, j in enumerate(order):
-        better = sums < sums[place]
-        apart = np.abs(drawn[better] - drawn[place]) >= (sums[place] - sums[better])[:, None] * (1.0 - ROUNDING)
-        out[j] = int((0.5 * apart.mean(axis=1) <= level / max(count - 1, 1)).sum())
+    least = level / max(count - 1, 1)
+    drawn = flipped(losses)
+    gap = sums[:, None] - sums  # of j over i; sums that are equal tell nothing
+    apart = np.stack(
+        [
+            (np.abs(drawn - one) >= np.abs(row)[:, None] * (1.0 - ROUNDING)).mean(axis=1)
+            for one, row in zip(drawn, gap, strict=True)
+        ]
+    )
+    scores = np.where(0.5 * apart <= least, np.sign(gap), 0.0)
+    fails = np.array(
+        [[np.sign(int(a.sum()) - int(b.sum())) * (0.5 * mcnemar(a, b) <= least) for b in failed.T] for a in failed.T]
+    )
+    worse = (scores + fails > 0.0) & (scores >= 0.0) & (fails >= 0.0)
+    out: Array = worse.sum(axis=1)
     return out

@@ -40,19 +40,20 @@ class Root(NamedTuple):
     t: Array  #: (B,) resampled logarithms of the mean loss, studentised; none if there is no interval
     error: float  #: standard error of the logarithm of the mean loss
 
-    def interval(self, confidence: float = CONFIDENCE, most: float = math.inf) -> Interval:
+    def interval(self, most: float = math.inf, least: float = 0.0, *, confidence: float = CONFIDENCE) -> Interval:
         """Return the interval; NaN if there is none.
 
         Args:
-            confidence: probability that it holds the true value.
             most: largest true value that there can be, as the cap of the errors is for the score.
+            least: a value that the true one exceeds with that confidence, known from elsewhere, as from the share of capped errors.
+            confidence: probability that it holds the true value.
         """
         if not len(self.t):
             return NO_INTERVAL
         tails = np.percentile(self.t, 50.0 * np.array([1.0 + confidence, 1.0 - confidence]))
         with np.errstate(over="ignore"):  # hardly any variance in a resample without the runs that failed
             low, high = (self.value * np.exp(-0.5 * tails * self.error)).tolist()
-        return low, max(min(high, most), self.value)
+        return min(max(low, least), self.value), max(min(high, most), self.value)
 
     def over(self, scale: float) -> Root:
         """Return the same root in units of ``scale``."""

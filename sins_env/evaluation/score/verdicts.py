@@ -6,8 +6,9 @@ is said of two solvers rests on the runs that both have:
 
 - Against the yardstick: sign flips of the paired losses, adjusted by Holm for all comparisons of the task. A solver wins if the
   adjusted p value is at most 5 %, its score is at least 1 % smaller, and McNemar does not tell that it fails more often.
-- Ranks: one more than the number of solvers that beat it, one-sided at 5 % / (k - 1). Those that nobody beats share rank 1 and
-  hold the best of k solvers with a probability of 95 %, although the leader was selected.
+- Ranks: one more than the number of solvers that beat it, one-sided at 5 % / (k - 1), in the score or in the share of failed
+  runs, and in neither the other way. Those that nobody beats share rank 1 and hold the best of k solvers with a probability of
+  95 %, although the leader was selected.
 - Fewer than 200 common runs give no verdict, and below 20 runs there are values alone.
 
 See docs/tasks_and_scores.md#verdicts.
@@ -171,14 +172,18 @@ def _scores(entries: Sequence[Entry], measure: Measure) -> list[dict[str, Any]]:
         )
     out: list[dict[str, Any]] = []
     for i, root in enumerate(roots):
-        ends = root.interval(most=measure.cap) if enough else NO_INTERVAL
+        at_cap = exact.share(int((loss[:, i] >= measure.cap**2).sum()), len(loss))[1][0]
+        least = measure.cap * math.sqrt(at_cap)  # if all other errors were zero
+        ends = root.interval(measure.cap, least) if enough else NO_INTERVAL
         found: dict[str, Any] = {"score": root.value, "score_ci": ends}
         if bounded:
             found |= {
                 "x_bound": over[i].value,
-                "x_bound_ci": over[i].interval(most=measure.cap / measure.bound) if enough else NO_INTERVAL,
+                "x_bound_ci": over[i].interval(measure.cap / measure.bound, least / measure.bound)
+                if enough
+                else NO_INTERVAL,
                 "adjusted": oracle is not None,
-                "below_bound": over[i].interval(BELOW_CONFIDENCE)[1] < BELOW if told else None,
+                "below_bound": over[i].interval(confidence=BELOW_CONFIDENCE)[1] < BELOW if told else None,
             }
         out.append(found)
     return out
@@ -237,5 +242,7 @@ def _rank(out: list[Verdict], entries: Sequence[Entry], cap: float, yardstick: i
         return
     rows = [np.intersect1d(entries[i].run, common, return_indices=True)[1] for i in members]
     columns = [losses.capped(entries[i].error[at], cap) for i, at in zip(members, rows, strict=True)]
-    for i, count in zip(members, exact.beaten_by(np.stack(columns, axis=1), level).tolist(), strict=True):
+    failed = [entries[i].failed[at] for i, at in zip(members, rows, strict=True)]
+    counts = exact.beaten_by(np.stack(columns, axis=1), np.stack(failed, axis=1), level)
+    for i, count in zip(members, counts.tolist(), strict=True):
         out[i] = replace(out[i], beaten_by=count, rank=1 + count)

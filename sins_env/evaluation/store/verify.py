@@ -234,7 +234,7 @@ def _differences(
         before, after = (np.atleast_1d(run[one.name]) for run in (stored, now))
         sizes = _sizes(one, before, stored, criteria)
         for heading, *values in zip(one.headings, before, after, sizes, strict=False):  # some tasks have no such field
-            if not _equal(*values, tolerance):
+            if not _equal(*values, tolerance=tolerance):
                 yield heading, f"{values[0]:.12g}", f"{values[1]:.12g}"
 
 
@@ -257,7 +257,7 @@ def _start(criteria: Criteria) -> Array:
     return np.concatenate([sigma, sigma[2:3], np.full(2, sigma[:2].max())])
 
 
-def _equal(stored: float, now: float, size: float, tolerance: float) -> bool:
+def _equal(stored: float, now: float, size: float, *, tolerance: float) -> bool:
     if (math.isnan(stored) and math.isnan(now)) or stored == now:
         return True
     close = abs(stored - now) <= tolerance * max(abs(stored), abs(now), size)

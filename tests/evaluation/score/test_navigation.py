@@ -339,7 +339,7 @@ def test_tables_figures_and_page(flight, found, tmp_path, monkeypatch, cli):
             key = Key.of(flight.name, found.suite, name, settings, "1")
             db.add(key, found.records)
             db.add_cost(key, Cost(10.0, 12.0, 0.1))
-    monkeypatch.setenv("COLUMNS", "150")
+    monkeypatch.setenv("COLUMNS", "156")
     code, out, _ = cli("board", "--plot", "board.png")
     assert code == 0
     for text in ("position", "hor., m", "vert., m/s", "NEES", "/ 9", "over time from 5 s on", "-  FollowsFixes"):

@@ -76,6 +76,13 @@ def test_no_interval_ends_beyond_the_cap() -> None:
     assert found.x_bound_ci[1] == CAP
 
 
+def test_an_interval_of_capped_runs_does_not_begin_at_zero() -> None:
+    """All runs but one fail: resamples without that one have no variance. At least 97 % are capped (Clopper-Pearson)."""
+    (found,) = judge([entry(np.where(np.arange(200) < 1, 0.1, 20.0))], MEASURE)
+    assert found.score_ci == (pytest.approx(CAP * np.sqrt(0.97246), rel=1e-4), CAP)
+    assert found.x_bound_ci == found.score_ci
+
+
 def test_wins_are_adjusted_by_holm() -> None:
     entries = [entry(one) for one in errors(200, 1.0, 0.9, 0.99, 1.2, 1.0)]
     found = judge(entries, MEASURE, yardstick=0)
@@ -86,7 +93,7 @@ def test_wins_are_adjusted_by_holm() -> None:
     assert [one.word for one in found] == [None, "wins", "undecided", "loses", "undecided"]
     for one, its in zip(found[1:], loss[1:], strict=True):
         assert (one.ratio, *one.ratio_ci) == flat(*exact.ratio_by_flips(its, loss[0]))
-    ranks = exact.beaten_by(np.stack(loss, axis=1))
+    ranks = exact.beaten_by(np.stack(loss, axis=1), np.stack([one.failed for one in entries], axis=1))
     assert [(one.beaten_by, one.rank) for one in found] == [(n, n + 1) for n in ranks.tolist()]
     assert found[0].p is None
     strict = judge(entries, MEASURE, yardstick=0, level=LOOK_LEVEL)
