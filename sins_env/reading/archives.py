@@ -12,12 +12,9 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from sins_env.reading.files import opened, size
+from sins_env.reading.files import FREE_BYTES, MOST_RATIO, opened, size
 
 MOST_MEMBERS = 1000  #: most arrays of an archive
-#: Bytes to which an archive may expand: this many times its own size, and these at least. Counts of a sensor at rest
-#: compress to a tenth.
-MOST_RATIO, FREE_BYTES = 200, 64 << 20
 _BROKEN = (OSError, EOFError, ValueError, KeyError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error)
 
 

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import codecs
+import gzip
+import io
 import os
 import stat
-from collections.abc import Iterator
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 MOST_BYTES = 8 << 30  #: largest file of a recording
 MOST_LINE = 1 << 20  #: bytes within which a text file must have an end of line
+#: Bytes to which an archive may expand: this many times its own size, and these at least. Counts of a sensor at rest
+#: compress to a tenth.
+MOST_RATIO, FREE_BYTES = 200, 64 << 20
 _KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a pipe",
@@ -18,14 +27,19 @@ _KINDS = {
     stat.S_IFBLK: "a device",
     stat.S_IFSOCK: "a socket",
 }
+_GZIP, _ZIP, _HDF5 = b"\x1f\x8b", b"PK\x03\x04", b"\x89HDF"
+#: Byte order marks of other texts than UTF-8, with their encodings.
+_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 #: What the first bytes of a file tell, if it is not the text that its name promises.
 _OTHER = {
-    b"\xff\xfe": "UTF-16",
-    b"\xfe\xff": "UTF-16",
-    b"\x1f\x8b": "compressed by gzip",
-    b"PK\x03\x04": "a ZIP archive",
-    b"\x89HDF": "HDF5",
+    **dict.fromkeys(_MARKS, "UTF-16"),
+    _GZIP: "compressed by gzip",
+    _ZIP: "a ZIP archive",
+    _HDF5: "HDF5",
 }
+TEXT = "UTF-8 text, or UTF-16 with a byte order mark"  #: the encodings of tables
+#: What is told how far a text file has been read; the work is deep below those who show it.
+_FOLLOWING: ContextVar[Callable[[float], None] | None] = ContextVar("following", default=None)
 
 
 @contextmanager
@@ -101,24 +115,78 @@ def check_bytes(path: Path, data: bytes) -> None:
         raise ValueError(f"{path}: a NUL byte in line {data.count(bytes([10]), 0, at) + 1}; allowed: UTF-8 text")
 
 
-def check_lines(path: Path) -> None:
-    """Check that a text file can be read line by line: a regular file without NUL bytes or lines of a megabyte.
+def text_blocks(path: Path) -> Iterator[list[str]]:
+    """Yield the lines of a text file in blocks of about a megabyte, without their ends.
+
+    The text is UTF-8, or UTF-16 with a byte order mark, and may be compressed by gzip or alone in a ZIP archive. Bytes that
+    are no text become U+FFFD. ``following`` is told how far the file is read.
 
     Raises:
-        ValueError: another file; the error names the line.
+        ValueError: no regular file, a NUL byte, a line of a megabyte, or a damaged or too large archive; the line is named.
         OSError: no such file, or one that cannot be read.
     """
     with opened(path) as stream:
-        before = 0
-        while block := stream.read(MOST_LINE):
-            if before == 0:
-                check_bytes(path, block)
-            elif b"\0" in block:
-                at = before + block.count(b"\n", 0, block.index(b"\0"))
-                raise ValueError(f"{path}: a NUL byte in line {at + 1}; allowed: UTF-8 text")
-            ends = block.count(b"\n") or block.count(b"\r")
-            if not ends and len(block) == MOST_LINE:
+        whole = max(os.fstat(stream.fileno()).st_size, 1)
+        follow = _FOLLOWING.get()
+        decoder, rest, before, expanded = None, "", 0, 0
+        for block in _unpacked_blocks(path, stream):
+            expanded += len(block)
+            if expanded > MOST_RATIO * whole + FREE_BYTES:
+                most = size(MOST_RATIO * whole + FREE_BYTES)
+                raise ValueError(f"{path}: expands to more than {most}; allowed: at most that for a file of this size")
+            if decoder is None:
+                encoding = next((name for mark, name in _MARKS.items() if block.startswith(mark)), "utf-8-sig")
+                decoder = io.IncrementalNewlineDecoder(
+                    codecs.getincrementaldecoder(encoding)("replace"), translate=True
+                )
+            text = decoder.decode(block)
+            if "\0" in text:
+                at = before + text.count("\n", 0, text.index("\0"))
+                raise ValueError(f"{path}: a NUL byte in line {at + 1}; allowed: {TEXT}")
+            *lines, rest = (rest + text).split("\n")
+            before += len(lines)
+            if len(rest) >= MOST_LINE:
                 raise ValueError(
                     f"{path}: line {before + 1} has more than {size(MOST_LINE)}; allowed: a table, a row in each line"
                 )
-            before += ends
+            if follow is not None:
+                follow(min(stream.tell() / whole, 1.0))
+            if lines:
+                yield lines
+        rest += decoder.decode(b"", final=True) if decoder is not None else ""
+        if rest:
+            yield rest.removesuffix("\n").split("\n")
+
+
+def _unpacked_blocks(path: Path, stream: BinaryIO) -> Iterator[bytes]:
+    """Yield the content of a file in blocks, expanded if it is compressed."""
+    head = stream.read(4)
+    stream.seek(0)
+    try:
+        inner: Any = stream
+        if head.startswith(_GZIP):
+            inner = gzip.GzipFile(fileobj=stream)
+        elif head == _ZIP:
+            packed = zipfile.ZipFile(stream)
+            members = [one for one in packed.infolist()[:1000] if not one.is_dir()]
+            if len(members) != 1:
+                raise ValueError(
+                    f"{path}: a ZIP archive of {len(members)} files; allowed: of one, or its files unpacked"
+                )
+            inner = packed.open(members[0])
+        elif head == _HDF5:
+            raise ValueError(f"{path}: HDF5; allowed: {TEXT}")
+        while block := inner.read(MOST_LINE):
+            yield block
+    except (EOFError, RuntimeError, NotImplementedError, zlib.error, zipfile.BadZipFile, gzip.BadGzipFile) as error:
+        raise ValueError(f"{path}: a damaged archive ({' '.join(str(error).split())[:200]})") from None
+
+
+@contextmanager
+def following(follow: Callable[[float], None]) -> Iterator[None]:
+    """Call ``follow`` with the share of a text file, 0 to 1, that has been read, for each block read inside."""
+    token = _FOLLOWING.set(follow)
+    try:
+        yield
+    finally:
+        _FOLLOWING.reset(token)

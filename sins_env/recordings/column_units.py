@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,9 +37,36 @@ ACCEL = {
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLE = {"deg": DEG, "rad": 1.0}
 
+#: Words that files write for units, without spaces, brackets and signs of multiplication, in lower case.
+_WRITTEN = {
+    "rad/s": ("rads^-1", "rads-1", "rad/sec", "rps", "radians/s", "rad.s-1"),
+    "deg/s": ("degs^-1", "degs-1", "deg/sec", "dps", "°/s", "degrees/s", "degree/s", "deg.s-1"),
+    "deg/h": ("deg/hr", "°/h", "deg/hour"),
+    "rad": ("radians", "radian"),
+    "deg": ("degrees", "degree", "°"),
+    "m/s2": ("m/s^2", "ms^-2", "ms-2", "m/s/s", "m/s²", "m/sec^2", "m/s**2", "m.s-2"),
+    "m/s": ("ms^-1", "ms-1", "m/sec", "m.s-1"),
+    "mg": ("milli-g", "millig"),
+    "s": ("sec", "second", "seconds"),
+    "ms": ("msec", "millisecond", "milliseconds"),
+    "us": ("µs", "usec", "microsecond", "microseconds"),
+    "ns": ("nsec", "nanosecond", "nanoseconds"),
+}
+_BRACKETS = re.compile(r"[\[({]([^\])}]+)[\])}]\s*$")
+_WORDS = {word: unit for unit, words in _WRITTEN.items() for word in words}
+
 FORCE_RANGE = (5.0, 20.0)  #: range of the median over seconds of specific force, m/s^2
 MOST_RATE = 2.0 * math.pi  #: limit of the median over seconds of angular rate, rad/s
 MOST_ANGLE = math.pi  #: limit of the angle in one sample, rad
+
+
+def written(text: str) -> str | None:
+    """Return the unit that a text is, or that it has in brackets, such as "rad/s" for "w_x [rad s^-1]"; None without one."""
+    inner = _BRACKETS.search(text)
+    word = "".join((inner[1] if inner else text).split()).replace("*", "").lower()
+    if word in _WORDS:
+        return _WORDS[word]
+    return word if word in GYRO or word in ACCEL or word in TIME else None
 
 
 def check_plausible(path: Path | str, rate_hz: float, dtheta: Array, dvel: Array) -> None:

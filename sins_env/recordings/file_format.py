@@ -24,7 +24,15 @@ COMMON_KEYS = (
 #: Keys of formats whose files do not state the place of the recording.
 SITE_KEYS = ("rate_hz", "site", "lever_arm_m", "velocity_from_positions")
 #: Keys of text formats, which have fixes and reference in files of their own.
-TEXT_KEYS = (*SITE_KEYS, "gnss", "reference")
+TEXT_KEYS = (*SITE_KEYS, "gnss", "reference", "decimal", "comment", "skip_lines")
+
+
+PACKED = (".gz", ".zip")  #: endings of compressed text files, behind their own
+
+
+def unpacked_name(path: Path) -> Path:
+    """Return a path without the ending of its compression."""
+    return path.with_suffix("") if path.suffix.lower() in PACKED else path
 
 
 @dataclass(frozen=True)

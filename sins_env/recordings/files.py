@@ -15,7 +15,7 @@ from typing import Any
 from sins_env.checks import choice, unknown
 from sins_env.recordings.assembling import check_ranges
 from sins_env.recordings.column_units import check_plausible
-from sins_env.recordings.file_format import PARTS
+from sins_env.recordings.file_format import PARTS, unpacked_name
 from sins_env.recordings.findings import check_findings, findings
 from sins_env.recordings.findings.mending import with_mended_fixes
 from sins_env.recordings.formats import FORMATS
@@ -79,7 +79,7 @@ def _with_mapping(found: Path, format: str | None, mapping: Any) -> tuple[Path, 
             raise ValueError(f'{found}: no file named; allowed: a mapping with "file"')
         data = companion(found, given["file"], found.name)
     else:
-        beside = found.with_suffix(".json")
+        beside = unpacked_name(found).with_suffix(".json")
         kind = format or format_of(found)
         if FORMATS[kind].companions and beside.is_file():
             given = read_mapping(beside)
@@ -95,19 +95,16 @@ def format_of(path: Path) -> str:
     Raises:
         ValueError: an ending of no format, or a file that none of several formats recognises, or more than one.
     """
-    alike = [format for format in FORMATS.values() if path.suffix.lower() == format.ending]
+    ending = unpacked_name(path).suffix
+    alike = [format for format in FORMATS.values() if ending.lower() == format.ending]
     found = [format for format in alike if len(alike) == 1 or (path.is_file() and format.recognises(path))]
     if len(found) == 1:
         return found[0].name
     if alike:
         names = ", ".join(format.name for format in alike)
-        raise ValueError(
-            f"{path}: the ending {path.suffix!r} is that of {names}; allowed: one of them, given as the format"
-        )
+        raise ValueError(f"{path}: the ending {ending!r} is that of {names}; allowed: one of them, given as the format")
     endings = ", ".join(f"{format.ending} ({name})" for name, format in FORMATS.items())
-    raise ValueError(
-        f"{path}: no format has the ending {path.suffix!r}; allowed: {endings}, .json (a mapping), or format"
-    )
+    raise ValueError(f"{path}: no format has the ending {ending!r}; allowed: {endings}, .json (a mapping), or format")
 
 
 def _find(path: Path) -> Path:

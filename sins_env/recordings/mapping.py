@@ -13,9 +13,10 @@ taken as it is. Text formats also take ``site``, ``lever_arm_m``, ``gnss`` and `
      "reference": {"file": "truth.csv", "time": {"column": "t"},
                    "attitude": {"columns": ["yaw", "pitch", "roll"], "unit": "deg"}}}
 
-Columns are names of the header line, or numbers from 1. The unit tells an increment (rad, deg, arcsec; m/s) from a rate
+Columns are names of the header, or numbers from 1. The unit tells an increment (rad, deg, arcsec; m/s) from a rate
 (rad/s, deg/s, deg/h; m/s2, g, mg). A rate is held over the sample that its stamp ends. For values taken at the stamps
-themselves the mapping says ``"rates": "trapezoid"``.
+themselves the mapping says ``"rates": "trapezoid"``. docs/recordings.md has every key, with what is measured when it is
+left out.
 """
 
 from __future__ import annotations
@@ -30,9 +31,11 @@ from sins_env.checks import build
 from sins_env.reading.documents import read_document
 from sins_env.recordings.axes import to_rfu
 from sins_env.recordings.findings.finding import REFUSING
+from sins_env.recordings.text.style import COMMENTS, Style
 
 MOST_SHIFT_S = 1e9  #: largest shift of the stamps of the fixes, s
 MOST_NAME = 255  #: most characters of the name of a file
+MOST_SKIPPED = 10_000  #: most lines before a table
 RATES = ("hold", "trapezoid")  #: allowed values of ``rates``
 
 
@@ -59,8 +62,13 @@ class Mapping:
     gyro: Any = None
     accel: Any = None
     rates: str = "hold"
-    delimiter: str = ","
-    header: bool | None = None
+    delimiter: str | None = None  #: one character, " " for white space; None measures it
+    decimal: str | None = None  #: "." or ","; None takes commas that cannot separate for decimal marks
+    comment: tuple[str, ...] = COMMENTS  #: marks from which on a line is no data
+    skip_lines: int = 0  #: lines before the table
+    header: bool | None = None  #: whether the first row holds names; None finds out
+    counter: Any = None  #: column of a counter of samples, which tells time where no column does
+    imu: str | None = None  #: name of the IMU: its type in a NovAtel log, its variable in a NaveGo file
     drop_null_fixes: bool = False  #: leaves out fixes at latitude 0 and longitude 0, or below all land
     drop_held_fixes: bool = False  #: leaves out fixes that only repeat the one before
     fix_shift_s: float = 0.0  #: number of seconds that the stamps of the fixes are moved by
@@ -91,8 +99,23 @@ class Mapping:
         )
         set_(self, "accept", accepted(self.accept))
         checks.choice("way to integrate rates", self.rates, RATES)
-        if not (isinstance(self.delimiter, str) and len(self.delimiter) == 1):
-            raise checks.refused("delimiter", self.delimiter, "one character")
+        if self.delimiter is not None and not (isinstance(self.delimiter, str) and len(self.delimiter) == 1):
+            raise checks.refused("delimiter", self.delimiter, "one character; a space stands for any white space")
+        if self.decimal is not None:
+            checks.choice("decimal mark", self.decimal, (".", ","))
+        if self.decimal == "," and self.delimiter == ",":
+            raise ValueError('delimiter and decimal are both ","; allowed: one of them')
+        marks = (self.comment,) if isinstance(self.comment, str) else checks.items(self.comment)
+        if marks is None or not all(isinstance(mark, str) and 1 <= len(mark) <= 8 for mark in marks):
+            raise checks.refused("comment", self.comment, 'the marks of comments, such as ["#", "//"]; [] for none')
+        set_(self, "comment", tuple(marks))
+        set_(self, "skip_lines", checks.whole("skip_lines", self.skip_lines, least=0, most=MOST_SKIPPED))
+        if self.imu is not None and not isinstance(self.imu, str):
+            raise checks.refused("imu", self.imu, "a name")
+
+    def style(self) -> Style:
+        """Return the style of its tables, with a header if there is one."""
+        return Style(self.comment, self.delimiter, self.decimal or ".", self.header, self.skip_lines)
 
     def text(self) -> str:
         """Return a text that is the same for equal mappings."""
@@ -100,7 +123,7 @@ class Mapping:
 
     def companions(self) -> list[str]:
         """Return the names of the files that this mapping adds to the recording's own."""
-        parts = (self.gnss, self.reference)
+        parts = (self.time, self.gyro, self.accel, self.counter, self.gnss, self.reference)
         return [name for part in parts if isinstance(name := part.get("file") if isinstance(part, dict) else part, str)]
 
 

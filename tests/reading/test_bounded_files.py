@@ -1,5 +1,6 @@
 """Only regular files of a bounded size are opened, and text is UTF-8 in lines."""
 
+import gzip
 import io
 import os
 import zipfile
@@ -9,7 +10,7 @@ import pytest
 
 from sins_env.reading import archives, files
 from sins_env.reading.archives import archive
-from sins_env.reading.files import check_lines, opened, read_text
+from sins_env.reading.files import opened, read_text, text_blocks
 
 
 @pytest.mark.parametrize(
@@ -38,8 +39,11 @@ def test_a_file_without_a_size_is_bounded():
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ("1 2\n".encode("utf-16"), "UTF-16; allowed: UTF-8 text"),
-        (b"\x1f\x8b\x08\n", "compressed by gzip"),
+        ("1 2\n".encode("utf-16-le"), "a NUL byte in line 1; allowed: UTF-8 text, or UTF-16 with a byte order mark"),
+        (b"\x1f\x8b\x08\n", "a damaged archive"),
+        (b"PK\x03\x04" + b"1 2\n" * 9, "a damaged archive"),
+        (gzip.compress(bytes(80 << 20)), "a NUL byte in line 1"),
+        (gzip.compress(b"1\n" * (40 << 20)), "expands to more than 8"),
         (b"1\n2\n3\0\n", "a NUL byte in line 3"),
         (b"1 " * (1 << 20), "line 1 has more than 1.049 MB"),
         (b"1\n2\n" + b"1 " * (2 << 20), "line 3 has more than 1.049 MB"),
@@ -49,14 +53,15 @@ def test_a_file_without_a_size_is_bounded():
 def test_what_is_no_text(tmp_path, data, message):
     (tmp_path / "x.txt").write_bytes(data)
     with pytest.raises(ValueError, match=rf"x\.txt: {message}"):
-        check_lines(tmp_path / "x.txt")
+        for _ in text_blocks(tmp_path / "x.txt"):
+            pass
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_marks_and_ends_of_lines_make_no_difference(tmp_path, end):
     path = tmp_path / "x.txt"
     path.write_bytes(b"\xef\xbb\xbf" + f"1 2{end}3 4{end}".encode())
-    check_lines(path)
+    assert [line for block in text_blocks(path) for line in block] == ["1 2", "3 4"]
     assert read_text(path, 100) == "1 2\n3 4\n"
     path.write_bytes(b"1\n\xe9t\xe9\n")
     with pytest.raises(ValueError, match=r"x\.txt: line 2 is no UTF-8 text .byte 0xe9"):

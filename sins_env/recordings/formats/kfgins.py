@@ -10,12 +10,14 @@ separated by spaces, tabs or commas:
     truth  week (0 in what KF-GINS writes); seconds of week; latitude, longitude deg; height m; velocity North, East,
            Down m/s; roll, pitch, yaw deg, yaw clockwise from north, turned yaw, pitch, roll (``src/common/rotation.h``)
 
+IMU and GNSS rows of others may have the week before the seconds; it is told by its whole numbers, which hardly change.
 A stamp lies at the end of its increments. A mapping joins the files (``gnss``, ``reference``). It also has the lever arm,
 which KF-GINS keeps in its configuration (``antlever``, Forward-Right-Down).
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +31,11 @@ from sins_env.recordings.clock import Samples, check_increasing, clocked
 from sins_env.recordings.file_format import TEXT_KEYS, Format
 from sins_env.recordings.mapping import Mapping, companion
 from sins_env.recordings.recording import Gnss, Recording, Reference
-from sins_env.recordings.text import Style, header, read_table, write_files
+from sins_env.recordings.text import Style, Table, header, read_table, write_files
+from sins_env.recordings.times import MOST_WEEK, WEEK_S, Times, on_scale_of
 
 AXES = "FRD"
-IMU_COLUMNS, GNSS_COLUMNS, TRUTH_COLUMNS = (7, 8), (7, 13), (11,)
+IMU_COLUMNS, GNSS_COLUMNS, TRUTH_COLUMNS = (7, 8, 9), (7, 8, 13, 14), (11,)
 POS_STD_M, VEL_STD_MPS = 1.0, 0.1  #: standard deviations that are written if a recording has none
 
 
@@ -48,16 +51,32 @@ def load(path: Path, mapping: Mapping) -> Recording:
         ValueError: a table of the wrong form, or no place on the Earth.
         FileNotFoundError: no such file beside it.
     """
-    table = read_table(path, IMU_COLUMNS)
+    style = mapping_style(mapping)
+    table = read_table(path, IMU_COLUMNS, style)
     turn = to_rfu(mapping.axes or AXES)
-    rows = table.rows
+    times, rows = _weeks_apart(table, 7)
     dtheta, dvel = turned(rows[:, 1:4], turn), turned(rows[:, 4:7], turn)
-    samples = Samples(str(path), "time", table.place, rows[:, 0], dtheta, dvel)
+    samples = Samples(str(path), "time", table.place, times.t, dtheta, dvel)
     clock = clocked(samples, mapping.rate_hz, mapping.resample_hz, mapping.drop_duplicates)
-    gnss = None if mapping.gnss is None else _gnss(_file(path, "gnss", mapping.gnss))
-    reference = None if mapping.reference is None else _truth(_file(path, "reference", mapping.reference))
+    gnss = None if mapping.gnss is None else _gnss(_file(path, "gnss", mapping.gnss), style, times)
+    reference = None if mapping.reference is None else _truth(_file(path, "reference", mapping.reference), style, times)
     lever = None if mapping.lever_arm_m is None else turn @ np.array(mapping.lever_arm_m)
     return assemble(path, mapping, clock, gnss, reference, lever)
+
+
+def mapping_style(mapping: Mapping) -> Style:
+    """Return the style of its tables: white space and commas separate, unless commas are decimal marks."""
+    return replace(mapping.style(), delimiter=None, header=False)
+
+
+def _weeks_apart(table: Table, least: int) -> tuple[Times, Array]:
+    """Return the times of the rows, and the rows from their seconds on; a week before the seconds is taken off."""
+    rows = table.rows
+    weeks = rows[:, 0]
+    whole = (weeks == np.rint(weeks)).all() and weeks.min() >= 0 and weeks.max() <= MOST_WEEK
+    if rows.shape[1] <= least or not whole or not np.mean(np.diff(weeks) == 0) > 0.5:
+        return Times(rows[:, 0]), rows
+    return Times(weeks * WEEK_S + rows[:, 1], "GPS"), rows[:, 1:]
 
 
 def _file(path: Path, key: str, given: Any) -> Path:
@@ -66,19 +85,22 @@ def _file(path: Path, key: str, given: Any) -> Path:
     return companion(path, given)
 
 
-def _gnss(path: Path) -> Gnss:
-    table = read_table(path, GNSS_COLUMNS)
-    rows = table.rows
-    check_increasing(str(path), "time", table.place, rows[:, 0])
+def _gnss(path: Path, style: Style, imu: Times) -> Gnss:
+    table = read_table(path, GNSS_COLUMNS, style)
+    times, rows = _weeks_apart(table, 7)
+    if rows.shape[1] not in (7, 13):
+        raise ValueError(f"{path}: {rows.shape[1]} columns; allowed: 7 or 13, or one more with a whole week in front")
+    check_increasing(str(path), "time", table.place, times.t)
+    t = on_scale_of(times, imu, path, "fixes")
     pos = geodetic(path, "position", table.place, rows[:, 1:4])
     if rows.shape[1] == 7:
-        return Gnss(rows[:, 0], None, pos, np.abs(swap_ned(rows[:, 4:7])))
+        return Gnss(t, None, pos, np.abs(swap_ned(rows[:, 4:7])))
     vel, pos_std, vel_std = (swap_ned(rows[:, i : i + 3]) for i in (4, 7, 10))
-    return Gnss(rows[:, 0], vel, pos, np.abs(pos_std), np.abs(vel_std))
+    return Gnss(t, vel, pos, np.abs(pos_std), np.abs(vel_std))
 
 
-def _truth(path: Path) -> Reference:
-    table = read_table(path, TRUTH_COLUMNS)
+def _truth(path: Path, style: Style, imu: Times) -> Reference:
+    table = read_table(path, TRUTH_COLUMNS, style)
     rows = table.rows
     check_increasing(str(path), "time", table.place, rows[:, 1])
     pos = geodetic(path, "position", table.place, rows[:, 2:5])
@@ -88,7 +110,8 @@ def _truth(path: Path) -> Reference:
         text = f"{angles[bad[0]]} at {table.place(int(bad[0]))}; allowed: within 180, 90 and 360 deg"
         raise ValueError(f"{path}: roll, pitch, yaw are {text}")
     roll, pitch, yaw = np.radians(angles).T
-    return Reference(rows[:, 1], attitude.from_euler(yaw, pitch, roll), swap_ned(rows[:, 5:8]), pos)
+    t = on_scale_of(Times(rows[:, 1]), imu, path, "the reference")
+    return Reference(t, attitude.from_euler(yaw, pitch, roll), swap_ned(rows[:, 5:8]), pos)
 
 
 def save(recording: Recording, path: Path) -> list[Path]:

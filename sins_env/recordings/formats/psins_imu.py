@@ -34,7 +34,7 @@ AXES = "RFU"
 G = 9.780327  #: the value of glv.g0 that PSINS prints, m/s^2
 #: Weights of a count in files that are written: 5e-10 rad and 1e-7 m/s, far below the pulses of any sensor.
 GYRO_LSB_ARCSEC, ACCEL_LSB_UG_S = 1e-4, 1e-2
-_STYLE = Style(comment="%")
+_STYLE = Style(comments=("%",))
 
 _HEADER = """% PSINS-format SIMU log file. (DO NOT MODIFY!)
 % written by sins_env

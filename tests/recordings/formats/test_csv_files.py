@@ -206,11 +206,11 @@ def cell(row, column, text):
         (cell(1, 2, "gx"), "unknown column of gyro 'wx'; did you mean 'wy'|unknown column of gyro 'wx'"),
         (
             lambda path: path.write_text("stamp,wx,wy,wz,fx,fy,fz\n" + "0.1,0,0,0,0,0\n" * 9),
-            "line 2 has 6 columns, and column 7 is asked for; allowed: a number in each row for every name",
+            r"line 2 has 6 columns .delimiter ','., the header 7 names; allowed: a name for every column",
         ),
         (cell(17, 3, "0;5"), "line 17, column 3 is '0;5'; allowed: a finite number$"),
         (lambda path: path.write_text("stamp,wx,wy,wz,fx,fy,fz\n"), "no rows of numbers"),
-        (lambda path: path.write_text(""), "column of time"),
+        (lambda path: path.write_text(""), "no rows of numbers"),
         (lambda path: path.write_bytes(bytes(range(256)) * 9), "a NUL byte in line 1"),
     ],
 )
@@ -278,7 +278,7 @@ def test_wrong_units_of_rate(tmp_path):
         ({"gnss": {"file": "g.csv"}}, "gnss without 'time'"),
         ({"gnss": {"fil": "g.csv"}}, "unknown key of gnss in the mapping of imu.csv 'fil'; did you mean 'file'"),
         ({"gnss": "g.csv"}, "an object of file, time"),
-        ({"delimiter": ", "}, "delimiter = ', '; allowed: one character"),
+        ({"delimiter": ", "}, "delimiter = ', '; allowed: one character; a space"),
     ],
 )
 def test_bad_mappings(tmp_path, change, message):

@@ -152,7 +152,7 @@ def bad(tmp_path, number, line, **more):
         (17, "456300.085 0 0 0 0 0", r"line 17 has 6 columns; allowed: 7$"),
         (17, "456300.085 0 0 0 0 0 0 0", r"line 17 has 8 columns; allowed: 7$"),
         (1000, "456305.0 0 0 0 0", r"line 1000 has 5 columns; allowed: 7 \(the last line: a truncated file\?\)"),
-        (1, "456300.005 0 0", r"line 1 has 3 columns; allowed: 7 or 8"),
+        (1, "456300.005 0 0", r"line 1 has 3 columns; allowed: 7, 8 or 9"),
         (17, "456300.085 0 nan 0 0 0 0", r"line 17, column 3 is 'nan'; allowed: a finite number"),
         (17, "456300.085 0 0 0 inf 0 0", r"line 17, column 5 is 'inf'"),
         (17, "456300.085 0 0 0 1,5e 0", r"line 17, column 6 is '5e'"),
@@ -177,7 +177,7 @@ def test_lines_are_counted_with_comments_and_blanks(tmp_path):
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
-        ("gnss", lambda r: r[:, :6], "line 1 has 6 columns; allowed: 7 or 13"),
+        ("gnss", lambda r: r[:, :6], "line 1 has 6 columns; allowed: 7, 8, 13 or 14"),
         (
             "gnss",
             lambda r: changed(r, 2, 1, 95.0),
