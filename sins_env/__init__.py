@@ -50,6 +50,7 @@ from sins_env import moved as _moved
 from sins_env import registering as _registering
 
 if _TYPES:
+    from sins_env.evaluation.planning.family import bound
     from sins_env.prior import Prior
     from sins_env.specs import GPS_PRESETS, IMU_PRESETS, GpsSpec, ImuSpec
     from sins_env.types import Estimator, NavState, Observation, Site, Task
@@ -66,10 +67,15 @@ __all__ = [
     "Prior",
     "Site",
     "Task",
+    "bound",
 ]
 
 #: Modules of the public names. They are imported when a name is asked for, so that the command line can begin before.
-_MODULES = {"Prior": "prior", **dict.fromkeys(("GPS_PRESETS", "IMU_PRESETS", "GpsSpec", "ImuSpec"), "specs")}
+_MODULES = {
+    "Prior": "prior",
+    "bound": "evaluation.planning.family",
+    **dict.fromkeys(("GPS_PRESETS", "IMU_PRESETS", "GpsSpec", "ImuSpec"), "specs"),
+}
 
 
 def __getattr__(name: str) -> _Any:

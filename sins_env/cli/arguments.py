@@ -63,6 +63,19 @@ def setting(text: str) -> tuple[str, Any]:
         raise argparse.ArgumentTypeError(f"{cut(text)!r}: {error}") from None
 
 
+def settings(text: str) -> tuple[str, list[Any]]:
+    """Return the name and the values of NAME=VALUE,VALUE,...; values that are no JSON are words."""
+    name, equals, values = text.partition("=")
+    if not (name and equals and values):
+        raise argparse.ArgumentTypeError(f"{cut(text)!r}; allowed: NAME=VALUE,VALUE, such as gps.rate_hz=1,5,10")
+    try:
+        return name, list(parse_json(f"[{values}]"))
+    except json.JSONDecodeError:
+        return name, [setting(f"{name}={value}")[1] for value in values.split(",")]
+    except ValueError as error:  # JSON beyond the limits
+        raise argparse.ArgumentTypeError(f"{cut(text)!r}: {error}") from None
+
+
 def count(text: str) -> int:
     """Return a whole number of at least 1."""
     return _whole(text, 1, "a whole number, at least 1")

@@ -9,7 +9,7 @@ import argparse
 from collections.abc import Callable
 
 from sins_env import __version__
-from sins_env.cli.arguments import Parser, count, executor, number, positive, seed, setting, several
+from sins_env.cli.arguments import Parser, count, executor, number, positive, seed, setting, settings, several
 from sins_env.recordings import FORMATS, REFUSING
 
 DEFAULT_DB = "results.sqlite"
@@ -61,6 +61,10 @@ _TABLES = (
     "What is printed, ours with its 95 % interval, and a verdict. Runs are kept in DIR/results.sqlite and made once; an "
     "interrupted command goes on where it was."
 )
+_BOUND = (
+    "The Cramer-Rao bound: no estimator without knowledge of the motion has smaller errors. Shares are those of the variance under "
+    "the optimal gain, and add up to 100 %. An accuracy is 0.1deg (azimuth), 0.05m/s, 2m, or level=20arcsec, height=1m."
+)
 _LIST = "Without KIND, what there is by name on one screen."
 
 #: Function that adds a verb. It takes the name, the function as ``module:name``, the help text, and a text below the options.
@@ -101,6 +105,17 @@ def _look(verb: Verb) -> None:
     sub.add_argument("--imu", metavar="SPEC", help=f"errors of a recording's IMU, for its first heading: {_SPEC}")
     sub.add_argument("--allan", metavar="FILE", help="draw the Allan deviation of an IMU preset or a recording")
     sub.add_argument("--plot", metavar="FILE", help="draw a flight: a profile by name, or a YAML or JSON file")
+
+    text = "before a trip: the best that the sensors allow over time, and what limits it"
+    sub = verb("bound", "verbs.bound:bound", text, _BOUND)
+    sub.add_argument("task", metavar="TASK", help=_TASK)
+    text = "wanted accuracies: when they are reached, or what the bound tends to"
+    several(sub, "--until", help=text)
+    text = "the same with other settings, such as gps.rate_hz=1,5,10 or imu=navigation,tactical; may be repeated"
+    sub.add_argument("--compare", type=settings, action="append", default=[], metavar="NAME=VALUES", help=text)
+    sub.add_argument("--at", type=positive, metavar="S", help="time of the budget (default: the end)")
+    sub.add_argument("--json", action="store_true", help="all of it as JSON")
+    sub.add_argument("--plot", metavar="FILE", help="draw errors over time, and the shares of the sources of error")
 
 
 def _play(verb: Verb) -> None:

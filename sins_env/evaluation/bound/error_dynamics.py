@@ -195,6 +195,7 @@ class ErrorDynamics:
             drive[states] = 2 * sigma**2 / tau
         self.shown = FIX.places(self.states.only(*(name for name in FIX.names if name in self.states)))
         self.P0, self._drive = np.diag(std[self.kept] ** 2), drive
+        self.driven = drive[self.kept]  #: (n,) densities of the white noise of the states, before any wave
         self.R = fix_noise(gps)[np.ix_(self.shown, self.shown)]
         self.scored = self.states.places(answered(self.travels))  #: indices of phi, or phi, velocity and position
 
