@@ -27,3 +27,10 @@ class Trajectory(Protocol):
     def chunk(self, first_epoch: int, num_epochs: int) -> Motion:
         """Return the motion in epochs first_epoch + 1 ... first_epoch + num_epochs; epoch k ends at t_k."""
         ...
+
+    def earlier(self, after: NavState, t: Array, age: Array) -> tuple[NavState, Array]:
+        """Return the true states and omega_eb^b at the times t - age, (runs, len(t), ...).
+
+        ``t`` and ``age`` are (len(t),) s, and ``after`` are the true states at ``t``.
+        """
+        ...

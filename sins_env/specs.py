@@ -62,6 +62,9 @@ def _duration_or_interval(name: str, given: Any) -> float | tuple[float, float]:
     return checks.interval(name, given, allowed)
 
 
+_age = partial(checks.number, allowed="a number of seconds, 0 to 1", least=0.0, most=1.0)
+
+
 def _degrees_of_freedom(name: str, given: Any) -> float:
     allowed = "0, which is Gaussian, or a number of degrees of freedom, not negative, from 0.1 to 1e9"
     value = checks.number(name, given, allowed, least=0.0, most=MOST)
@@ -130,6 +133,8 @@ class GpsSpec:
     heavy_tail_dof: float = 0.0  #: degrees of freedom of Student-t errors, one factor per fix; 0 is Gaussian
     jump_mps: float = 0.0  #: size of a velocity offset in a horizontal direction that each run draws
     jump_s: float | tuple[float, float] = 0.0  #: interval of the offset, or its duration with a start that is drawn
+    age_s: float = 0.0  #: how old a fix is at the end of the epoch that holds it: made within it, or delivered late
+    age_jitter_s: float = 0.0  #: spread of the age: fixes are between ``age_s`` and this much older
 
     def __post_init__(self) -> None:
         special: dict[str, Check] = {
@@ -141,6 +146,7 @@ class GpsSpec:
             "contamination": partial(checks.number, allowed="a number from 0 to 1", least=0.0, most=1.0),
             "heavy_tail_dof": _degrees_of_freedom,
             "jump_s": _duration_or_interval,
+            **dict.fromkeys(("age_s", "age_jitter_s"), _age),
         }
         _check_fields(self, special)
 
@@ -153,6 +159,11 @@ class GpsSpec:
     def pos_std(self) -> Array:
         """Standard deviation of the position E, N, U, m, (3,)."""
         return np.broadcast_to(np.asarray(self.pos_std_m, dtype=float), (3,)).copy()
+
+    @property
+    def oldest_s(self) -> float:
+        """The age of the oldest fix, s; 0 if all fixes are made at the ends of epochs."""
+        return self.age_s + self.age_jitter_s
 
     def told(self, vel_std_mps: float | tuple[float, ...] | None = None) -> GpsSpec:
         """Return what estimators are told: the same without outages and jumps, which come as surprises."""

@@ -6,7 +6,7 @@ See docs/tasks_and_scores.md#environment-contract and docs/tasks_and_scores.md#e
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, TypedDict
+from typing import NamedTuple, NotRequired, Protocol, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,8 @@ class Task:
 class Observation(TypedDict):
     """One epoch: the IMU increments over (t_{k-1}, t_k] and the fix at t_k. A batch of runs has a leading run axis.
 
+    Fixes that are not made at the ends of epochs have ``gps_age`` (..., 1) beside them, which is t_k less the time of the
+    fix, s. It is not negative: less than an epoch for a fix within this one, and more for a fix that was delivered late.
     The readings of the task's ``aids`` stand beside these fields, by their names.
     """
 
@@ -83,6 +85,7 @@ class Observation(TypedDict):
     gps_vel: Array  #: (..., 3) m/s East, North, Up; zeros without a fix
     gps_pos: Array  #: (..., 3) latitude rad, longitude rad, height m; zeros without a fix
     gps_valid: NDArray[np.int8]  #: (..., 1) 1 with a fix at t, else 0
+    gps_age: NotRequired[Array]  #: (..., 1) s, t less the time of the fix
 
 
 class Estimator(Protocol):

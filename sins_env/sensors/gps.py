@@ -5,6 +5,7 @@ See docs/mathematics/simulation.md#fixes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,7 +19,7 @@ from sins_env.kernels import kernel
 from sins_env.kernels.algebra import add, put_vector, times, vector
 from sins_env.motion import Motion
 from sins_env.sensors.imu import standard_normal
-from sins_env.sensors.limits import MAX_SPEED, POS_HIGH, POS_LOW, Field, clip
+from sins_env.sensors.limits import MAX_AGE_S, MAX_SPEED, POS_HIGH, POS_LOW, Field, clip
 from sins_env.specs import AidSpec, GpsSpec
 
 #: Velocity (runs, epochs, 3) in m/s, position (runs, epochs, 3), and 1 or 0 for a fix or none (runs, epochs, 1).
@@ -31,6 +32,10 @@ FIELDS = {
     "gps_valid": Field.mark("1 where there is a fix at t"),
 }
 
+#: The field that stands beside them if fixes are not made at the ends of epochs.
+AGE = {"gps_age": Field.of(1, 0.0, MAX_AGE_S, "s, t less the time of the fix; zero without a fix")}
+
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  #: its multiples modulo 1 fill (0, 1) evenly
 #: Assumed noise of zero-velocity updates: the base stands still but for disturbances, at a surveyed place.
 ZERO_VELOCITY = GpsSpec(vel_std_mps=0.03, pos_std_m=1.0)
 
@@ -120,22 +125,31 @@ class Gps:
             end = start + self.spec.jump_s
         self._jump_start, self._jump_end = start, end
 
+    def schedule(self, first_epoch: int, epochs: int) -> tuple[Mask, Array]:
+        """Return which of the epochs after ``first_epoch`` hold a fix, and its age at their ends, s, (epochs,) each.
+
+        The ages are the same in every run. A clock that does not keep step with the epochs spreads them evenly.
+        """
+        number = np.arange(first_epoch + 1, first_epoch + epochs + 1, dtype=np.float64)
+        age = self.spec.age_s + self.spec.age_jitter_s * (GOLDEN * number % 1.0)
+        made = number * self.epoch_s - age
+        return (number % self._every == 0) & received(self.spec, made) & (made > -1e-9), age
+
     def fixes(self, motion: Motion, first_epoch: int) -> Fixes:
         """Return the fixes of a chunk of epochs that begins after ``first_epoch``.
 
         They are velocity (runs, epochs, 3), position (runs, epochs, 3) and validity (runs, epochs, 1). An epoch without
-        a fix has zeros.
+        a fix has zeros. The states of the ``motion`` are those at the times of the fixes.
         """
         runs, epochs = motion.state.vel.shape[:2]
-        number = np.arange(first_epoch + 1, first_epoch + epochs + 1)
-        t = number * self.epoch_s
+        present, age = self.schedule(first_epoch, epochs)
+        t = np.arange(first_epoch + 1, first_epoch + epochs + 1) * self.epoch_s - age
         vel, pos = motion.state.vel, motion.state.pos
         if self._lever.any():
             C_nb = attitude.to_dcm(motion.state.q_nb)
             vel = vel + np.matmul(C_nb, np.cross(motion.rate_eb_b, self._lever)[..., None])[..., 0]
             pos = earth.displace(self._earth, pos, C_nb @ self._lever)
         inside = (t > self._jump_start[:, None]) & (t <= self._jump_end[:, None])
-        present = (number % self._every == 0) & received(self.spec, t)
         vel, pos = _fixed(
             vel,
             pos,

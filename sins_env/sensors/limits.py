@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sins_env.arrays import Array
 
-MAX_ANGLE, MAX_SPEED, MAX_HEIGHT, MAX_TIME = 2 * math.pi, 1e4, 1e5, 1e7
+MAX_ANGLE, MAX_SPEED, MAX_HEIGHT, MAX_TIME, MAX_AGE_S = 2 * math.pi, 1e4, 1e5, 1e7, 1e3
 
 POS_LOW = np.array([-math.pi / 2, -math.pi, -1e3])
 POS_HIGH = np.array([math.pi / 2, math.pi, MAX_HEIGHT])

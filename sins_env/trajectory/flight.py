@@ -10,6 +10,7 @@ See docs/mathematics/simulation.md#flight-truth.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Rngs
@@ -68,6 +69,22 @@ class Flight:
         state = NavState(*(self._spread(part) for part in motion.state))
         return Motion(self._spread(motion.dtheta), self._spread(motion.dvel), state, self._spread(motion.rate_eb_b))
 
+    def earlier(self, after: NavState, t: Array, age: Array) -> tuple[NavState, Array]:
+        """Return the true states and omega_eb^b at the times t - age, (runs, len(t), ...), as read-only views."""
+        then = t - age
+        inside = then[:, None] + age[:, None] * self._c
+        moved = age[:, None] * (self._b @ self.plan.kinematics(inside, self._segment(inside)).vel)
+        now = self.plan.kinematics(then, self._segment(then))
+        place = after.pos[0]
+        pos = earth.displace(self._earth, place, -moved, at=earth.displace(self._earth, place, -0.5 * moved))
+        rate = attitude.body_rate(now.angles, now.rates) + self._turned(now, self._transport(now.vel, pos))
+        state = NavState(attitude.from_euler(*now.angles.T), now.vel, pos)
+        return NavState(*(self._spread(part) for part in state)), self._spread(rate)
+
+    def _segment(self, t: Array) -> NDArray[np.intp]:
+        """Return the index of the segment in which each time lies; at a border it is the one that ends."""
+        return np.minimum(np.searchsorted(self.plan.ends_s, t), len(self.plan.segments) - 1)
+
     def _rewind(self) -> None:
         self._epoch, self._pos = 0, self.plan.site.pos
 
@@ -80,7 +97,7 @@ class Flight:
         first = self._epoch * self.n_sub
         edges = np.arange(first, first + epochs * self.n_sub + 1, dtype=np.float64) * self._dt
         middles = edges[:-1] + 0.5 * self._dt
-        segment = np.minimum(np.searchsorted(self.plan.ends_s, middles), len(self.plan.segments) - 1)
+        segment = self._segment(middles)
         inside = self.plan.kinematics(edges[:-1, None] + self._dt * self._c, segment[:, None])
         pos, ends = self._positions(inside.vel)
         rate, force = self._sensed(inside, pos)

@@ -31,6 +31,12 @@ class Mounted:
         """Return the states (runs, 3 or 4) of the IMU for those of the vehicle."""
         return nav._replace(q_nb=attitude.multiply(nav.q_nb, self._mounting))
 
+    def earlier(self, after: NavState, t: Array, age: Array) -> tuple[NavState, Array]:
+        """Return the states (runs, len(t), ...) of the IMU and omega_eb^b at the times t - age."""
+        state, rate_eb_b = self.inner.earlier(after, t, age)
+        turned = state._replace(q_nb=attitude.multiply(state.q_nb, self._mounting[:, None]))
+        return turned, (self._to_imu[:, None] @ rate_eb_b[..., None])[..., 0]
+
     def chunk(self, first_epoch: int, num_epochs: int) -> Motion:
         """Return the motion of the IMU in a chunk of epochs."""
         motion = self.inner.chunk(first_epoch, num_epochs)

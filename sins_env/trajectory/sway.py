@@ -352,6 +352,10 @@ class Sway:
         """Return the rows of these runs, or all of ``part`` if the runs share it."""
         return part[runs] if self._differs else part
 
+    def earlier(self, after: NavState, t: Array, age: Array) -> tuple[NavState, Array]:
+        """Return the true states (runs, len(t), ...) and omega_eb^b at the times t - age."""
+        return self.states(t - age)
+
     def states(self, t: Array) -> tuple[NavState, Array]:
         """Return the true states (runs, len(t), ...) and omega_eb^b."""
         omega, speed, phase = (

@@ -137,6 +137,10 @@ class Vehicle:
         q = np.moveaxis(self._modes.response(t.ravel(), rows), 2, 0)
         return q.reshape(*q.shape[:3], *t.shape)
 
+    def earlier(self, after: NavState, t: Array, age: Array) -> tuple[NavState, Array]:
+        """Return the true states (runs, len(t), ...) and omega_eb^b at the times t - age."""
+        return self.states(t - age)
+
     def states(self, t: Array) -> tuple[NavState, Array]:
         """Return the true states (runs, len(t), ...) and omega_eb^b."""
         q_nb, vel, offset, rate_eb_b = _state(

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from sins_env import checks
 from sins_env.arrays import Array, Obs, Rngs
+from sins_env.motion import Motion
 from sins_env.sensors.aids import sensor_of, stream
-from sins_env.sensors.gps import FIELDS, Gps, ZeroVelocity, in_fields
+from sins_env.sensors.gps import AGE, FIELDS, Gps, ZeroVelocity, in_fields
 from sins_env.sensors.imu import Imu, standard_normal
 from sins_env.trajectory import Trajectory
 from sins_env.trajectory.mounted import Mounted
@@ -34,7 +35,13 @@ class SimulatedWorld(ChunkedWorld):
         task = self.task
         #: Aiding sensors by name, with the errors that the runs really have.
         self.aids = {spec.name: sensor_of(spec.name)(spec, task.site, task.epoch_s) for spec in settings.aids}
-        self.fields = {**FIELDS, **{name: field for aid in self.aids.values() for name, field in aid.fields.items()}}
+        self._ages = settings.gps_true.oldest_s > 0.0  # whether fixes are made between the ends of epochs
+        aged = AGE if self._ages else {}
+        self.fields = {
+            **FIELDS,
+            **aged,
+            **{name: field for aid in self.aids.values() for name, field in aid.fields.items()},
+        }
 
     def reset(self, rngs: Rngs, options: dict[str, Any]) -> tuple[NavState, NavState | None]:
         """Begin one run per generator, and return the true states at t = 0 and the told ones, if any."""
@@ -71,11 +78,28 @@ class SimulatedWorld(ChunkedWorld):
 
     def _chunk(self, first: int, count: int) -> tuple[Obs, NavState]:
         motion = self.trajectory.chunk(first, count)
-        measured = in_fields(self.gps.fixes(motion, first))
+        measured = self._fixes(motion, first)
         for aid in self.aids.values():
             measured |= aid.readings(motion, first)
         dtheta, dvel = self.imu.measure(motion.dtheta, motion.dvel)
         return {"dtheta": dtheta, "dvel": dvel, **measured}, motion.state
+
+    def _fixes(self, motion: Motion, first: int) -> Obs:
+        """Return the fields of the fixes in a chunk of epochs."""
+        if not self._ages:
+            return in_fields(self.gps.fixes(motion, first))
+        assert isinstance(self.gps, Gps)
+        runs, count = motion.state.vel.shape[:2]
+        present, age = self.gps.schedule(first, count)
+        there, age = np.flatnonzero(present), np.where(present, age, 0.0)
+        after = NavState(*(part[:, there] for part in motion.state))
+        t = (first + 1 + there.astype(np.float64)) * self.task.epoch_s
+        state, rate = self.trajectory.earlier(after, t, age[there])
+        at_fixes = [np.array(part) for part in (*motion.state, motion.rate_eb_b)]
+        for part, value in zip(at_fixes, (*state, rate), strict=True):
+            part[:, there] = value
+        fixes = self.gps.fixes(motion._replace(state=NavState(*at_fixes[:3]), rate_eb_b=at_fixes[3]), first)
+        return in_fields(fixes) | {"gps_age": np.tile(age[:, None], (runs, 1, 1))}
 
 
 class BaseWorld(SimulatedWorld):

@@ -7,6 +7,7 @@ answer is.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -30,6 +31,7 @@ from solvers.pipeline.coarse.spread import told_by
 from solvers.pipeline.errors.equivariant import Equivariant
 from solvers.pipeline.errors.invariant import Euler, Invariant
 from solvers.pipeline.errors.model import ErrorModel
+from solvers.pipeline.rewind import Samples
 from solvers.pipeline.settings import Settings
 from solvers.pipeline.strapdown import Strapdown, StrapdownState, carried_sample
 from solvers.pipeline.switch_on import SecondPass
@@ -79,6 +81,7 @@ class Integration(ABC):
         rest = [ZeroVelocity(task, states)] if self.settings.stillness else []
         self._aids = Aids((self._aid, *sensors(task, self._errors), *rest))
         self._rate_ie = earth.rate_n(self._earth, task.site.latitude)
+        self._samples = Samples(task)
         #: Parameters of aids that have been fed back so far by name, (..., size) in SI units.
         self.own: dict[str, Array] = {}
         self._innovation: Innovation | None = None  # of the last epoch
@@ -103,6 +106,7 @@ class Integration(ABC):
         self._k += 1
         if self._k == 1:
             self._begin(obs["dtheta"].shape[:-2])
+        self._samples.add(obs)
         if self._coarse is None:
             nav = None if self.ins is None else self._fine(obs)
             return self.answer(self._wait(obs, nav))
@@ -218,8 +222,10 @@ class Integration(ABC):
             return nav
         again = switch_on.second_pass(self.task, self._past, nav.q_nb, spread)
         self._past, self._k, self._waiting = [], 0, np.ones(self._batch, dtype=bool)
+        self._samples.clear()
         for obs in again.past:
             self._k += 1
+            self._samples.add(obs)
             nav = self._wait(obs, None if self.ins is None else self._fine(obs), again)
         return nav
 
@@ -232,12 +238,16 @@ class Integration(ABC):
 
     def _fine(self, obs: Observation) -> NavState:
         assert self.ins is not None
-        (before, last), (dtheta, dvel) = self.ins, self._increments(obs)
+        (before, last), (dtheta, dvel) = self.ins, self._increments(obs["dtheta"], obs["dvel"])
         self.ins, motion = self._strapdown.advance(self.ins, dtheta, dvel)
-        ins = self._aid.hold(obs, self.ins.nav)
-        self.ins, epoch_s = self.ins._replace(nav=ins), self.task.epoch_s
-        self.own = decayed(self._errors.parameters, self.own, epoch_s)
-        measurement = self._aids.read(obs, Ins(ins, before, dtheta, last, epoch_s, self._rate_ie, self.own))
+        self.own = decayed(self._errors.parameters, self.own, self.task.epoch_s)
+        samples = self._samples.last
+        samples = None if samples is None else self._increments(*samples)
+        seen = Ins(self.ins.nav, before, dtheta, last, self.task.epoch_s, self._rate_ie, self.own, samples)
+        ins = self._aid.hold(obs, seen)
+        if ins is not self.ins.nav:
+            self.ins, seen = self.ins._replace(nav=ins), replace(seen, nav=ins)
+        measurement = self._aids.read(obs, seen)
         transition = self._coordinates.transition(self._errors.transition(motion, self._Q), before, ins)
         if measurement is not None:
             measurement = self._coordinates.measurement(measurement, ins)
@@ -251,11 +261,11 @@ class Integration(ABC):
             self._feed_back(nav, x)
         return nav
 
-    def _increments(self, obs: Observation) -> tuple[Array, Array]:
-        """Return the increments of the epoch without the biases fed back so far."""
+    def _increments(self, dtheta: Array, dvel: Array) -> tuple[Array, Array]:
+        """Return increments without the biases fed back so far."""
         if self.bias is None:
-            return obs["dtheta"], obs["dvel"]
-        dtheta, dvel = _without(obs["dtheta"], obs["dvel"], *self.bias)
+            return dtheta, dvel
+        dtheta, dvel = _without(dtheta, dvel, *self.bias)
         return dtheta, dvel
 
     def _feed_back(self, nav: NavState, x: Array) -> None:

@@ -32,7 +32,7 @@ from sins_env.arrays import Array, Mask
 from sins_env.evaluation.bound.aids import Instant, term
 from sins_env.evaluation.bound.fisher import fix_noise
 from sins_env.evaluation.tasks.task import EvaluationTask, run_numbers
-from sins_env.sensors.gps import ZeroVelocity
+from sins_env.sensors.gps import Gps, ZeroVelocity
 from sins_env.specs import ImuSpec
 from sins_env.states import ERRORS, FIX, Block, Layout, answered
 from sins_env.types import Task
@@ -60,6 +60,7 @@ class Truth(NamedTuple):
     rate_end: Array  #: (runs, epochs, 3) omega_eb^b at the end of the epoch, rad/s
     fix: Mask  #: (epochs,) whether there is a fix at the end
     vel_end: Array  #: (runs, epochs, 3) velocity in n at the end of the epoch, m/s
+    age: Array  #: (epochs,) s, how old a fix is at the end of the epoch
 
 
 class Reading(NamedTuple):
@@ -106,17 +107,19 @@ def true_motion(
     _, info = task.reset(env, wanted, suite_seed)
     world: SimulatedWorld = env.unwrapped.episode.world
     model = earth.get(public.site.earth)
+    gps = Gps(world.gps.spec, h, public.duration_s, model)
     last = [info["truth"][name][:, None] for name in ("q_nb", "vel", "pos")]
     for first in range(0, public.num_epochs, CHUNK_EPOCHS):
         count = min(CHUNK_EPOCHS, public.num_epochs - first)
         motion = world.trajectory.chunk(2 * first, 2 * count)
-        fix = world.gps.fixes(motion, 2 * first)[2][0, 1::2, 0] == 1
+        fix, age = gps.schedule(first, count)
         q, vel, pos = (np.concatenate([a, b], axis=1) for a, b in zip(last, motion.state, strict=True))
         last = [part[:, -1:] for part in (q, vel, pos)]
         C = attitude.to_dcm(q)
         mean = [x[:, :-2:2] / 6 + x[:, 1:-1:2] * (2 / 3) + x[:, 2::2] / 6 for x in (C, vel, pos)]
         force = (vel[:, 2::2] - vel[:, :-2:2]) / h + _apparent(model, mean[1], mean[2])
-        yield Truth(first, mean[0], force, mean[1], mean[2], C[:, 2::2], motion.rate_eb_b[:, 1::2], fix, vel[:, 2::2])
+        rate, end = motion.rate_eb_b[:, 1::2], vel[:, 2::2]
+        yield Truth(first, mean[0], force, mean[1], mean[2], C[:, 2::2], rate, fix, end, age)
     env.close()
 
 
@@ -215,6 +218,13 @@ class ErrorDynamics:
 
     def transitions(self, truth: Truth) -> Array:
         """Return F (runs, epochs, n, n), the exponential of the mean dynamics to third order."""
+        A = self.dynamics(truth) * self.epoch_s
+        A2 = A @ A
+        F: Array = np.eye(self.n) + A + A2 / 2 + A2 @ A / 6
+        return F
+
+    def dynamics(self, truth: Truth) -> Array:
+        """Return the mean of A in x' = A x over each epoch, (runs, epochs, n, n)."""
         skew, vel = attitude.skew, truth.vel
         T = earth.transport_matrix(self.earth, truth.pos[..., 0], truth.pos[..., 2])
         rate_ie, rate_en = _rates(self.earth, vel, truth.pos)
@@ -230,10 +240,7 @@ class ErrorDynamics:
             A[..., states, states] = -np.eye(one.block.size) / one.time_constant_s
         if self.travels:
             self._add_position(A, truth)
-        A = A[..., self.kept[:, None], self.kept] * self.epoch_s
-        A2 = A @ A
-        F: Array = np.eye(self.n) + A + A2 / 2 + A2 @ A / 6
-        return F
+        return A[..., self.kept[:, None], self.kept]
 
     def _add_position(self, A: Array, truth: Truth) -> None:
         """Add the columns and rows of dp to A in place: what it drives, and what drives it."""
@@ -269,7 +276,10 @@ class ErrorDynamics:
         return found
 
     def sensitivity(self, truth: Truth) -> Array:
-        """Return H (runs, epochs, m, n) of a fix at the antenna: V + C (omega_eb x lever arm), and p + C lever arm."""
+        """Return H (runs, epochs, m, n) of a fix at the antenna: V + C (omega_eb x lever arm), and p + C lever arm.
+
+        A fix that was made before the end of its epoch shows the errors of that time, to second order in its age.
+        """
         H = np.zeros((*truth.vel.shape[:-1], FIX.size, self.full.size))
         vel, pos = FIX["dv"], FIX["dp"]
         H[..., vel, DV] = H[..., pos, DP] = np.eye(3)
@@ -280,4 +290,8 @@ class ErrorDynamics:
             for states, kind in self.biases:
                 if kind.gyro:
                     H[..., vel, states] = -(C @ skew(self.lever))
-        return H[..., self.shown[:, None], self.kept]
+        H = H[..., self.shown[:, None], self.kept]
+        if not truth.age.any():
+            return H
+        back = -truth.age[:, None, None] * self.dynamics(truth)
+        return H @ (np.eye(self.n) + back + back @ back / 2)

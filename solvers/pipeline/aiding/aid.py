@@ -37,6 +37,9 @@ class Ins:
     own: Mapping[str, Array] = field(
         default_factory=dict
     )  #: parameters fed back so far by name, (..., size) in SI units
+    #: Increments (dtheta rad, dvel m/s) of this epoch and of some before it, (..., samples, 3), without the biases fed back so
+    #: far; kept where fixes are not made at the ends of epochs.
+    samples: tuple[Array, Array] | None = None
 
     @cached_property
     def C(self) -> Array:
@@ -46,10 +49,10 @@ class Ins:
     @cached_property
     def rate(self) -> Array:
         """omega_eb^b at the end, (..., 3) rad/s, extrapolated from the last two samples."""
-        samples = self.dtheta
-        if samples.shape[-2] == 1 and self.last is not None:
-            samples = np.concatenate([self.last[..., None, :3], samples], axis=-2)
-        return end_rate(samples, self.epoch_s * samples.shape[-2] / self.dtheta.shape[-2]) - self._rate_ie_b
+        angles = self.dtheta
+        if angles.shape[-2] == 1 and self.last is not None:
+            angles = np.concatenate([self.last[..., None, :3], angles], axis=-2)
+        return end_rate(angles, self.epoch_s * angles.shape[-2] / self.dtheta.shape[-2]) - self._rate_ie_b
 
     @cached_property
     def mean_rate(self) -> Array:

@@ -29,6 +29,7 @@ from solvers.pipeline.bank.slices import Frame, Reading, Slices, join, normalise
 from solvers.pipeline.errors.invariant import Invariant, Seen
 from solvers.pipeline.errors.model import Parameter
 from solvers.pipeline.errors.navigation import NavigationErrors
+from solvers.pipeline.rewind import Samples
 from solvers.pipeline.strapdown import EpochMotion, Strapdown, StrapdownState, carried_sample
 from solvers.pipeline.switch_on import SecondPass
 from solvers.types import Gaussian, Health, Measurement
@@ -71,6 +72,7 @@ class Episode:
 
     def _begin(self, runs: int) -> None:
         self._runs, self._most = runs, 0
+        self._samples = Samples(self.task)
         self._failed_at = np.full(runs, -1)
         self._waiting: Mask = np.ones(runs, dtype=bool)  # for the first fix, or for the first epoch of a told start
         self._nav = NavState(np.zeros((runs, 4)), np.zeros((runs, 3)), np.tile(self.task.site.pos, (runs, 1)))  # answer
@@ -124,6 +126,7 @@ class Episode:
         """Take an epoch, or one of the coarse phase ``again``."""
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # such runs are marked instead
             still = None if self._stillness is None else self._stillness.seen(obs)
+            self._samples.add(obs)
             if self.slices is not None:
                 self.slices = self._advance(self.slices, obs, still)
                 self._note(self.slices)
@@ -279,7 +282,11 @@ class Episode:
             for p in self._errors.parameters
             if p.fed
         }
-        return Ins(s.ins.nav, before, dtheta, last, self.task.epoch_s, self._rate_ie, own)
+        samples = self._samples.last
+        if samples is not None:
+            bias = self.task.epoch_s / self.task.n_sub * s.bias[:, None]
+            samples = samples[0][s.run] - bias[..., :3], samples[1][s.run] - bias[..., 3:6]
+        return Ins(s.ins.nav, before, dtheta, last, self.task.epoch_s, self._rate_ie, own, samples)
 
     def _corrected(
         self, s: Slices, nu: Array, H: Array, R: Array, seen: NDArray[np.int64], as_told: bool = False

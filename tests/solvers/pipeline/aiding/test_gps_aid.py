@@ -47,8 +47,12 @@ def fixes(task, runs):
     return {**obs, "dtheta": np.repeat(rate, task.n_sub, axis=1)}, nav
 
 
+def given(obs, nav):
+    return Ins(nav, nav, obs["dtheta"], None, 0.1, np.zeros(3))
+
+
 def read(gps, obs, nav):
-    return gps.read(obs, Ins(nav, nav, obs["dtheta"], None, 0.1, np.zeros(3)))
+    return gps.read(obs, given(obs, nav))
 
 
 @pytest.mark.parametrize("errors", [AlignmentErrors(), NavigationErrors(position=False), NavigationErrors()])
@@ -90,7 +94,7 @@ def test_runs_without_a_fix(task):
     obs["gps_valid"][:] = 0
     for errors in (NavigationErrors(), AlignmentErrors()):
         gps = Gps(task, errors.states)
-        assert gps.hold(obs, nav) is nav
+        assert gps.hold(obs, given(obs, nav)) is nav
         assert read(gps, obs, nav) is None
 
 
@@ -100,7 +104,7 @@ def test_a_vertical_velocity_that_is_no_state_is_held(task, arm):
     obs["gps_valid"][1] = 0
     told = with_arm(task, *arm)
     ten, twelve = (Gps(told, errors.states) for errors in (AlignmentErrors(), NavigationErrors(position=False)))
-    held, free = ten.hold(obs, nav), twelve.hold(obs, nav)
+    held, free = (gps.hold(obs, given(obs, nav)) for gps in (ten, twelve))
     two, three = (read(gps, obs, nav) for gps in (ten, twelve))
     moved = three.z[:, 2] * task.epoch_s / VERTICAL_TIME_CONSTANT_S
     np.testing.assert_allclose(nav.vel[:, 2] - held.vel[:, 2], moved, atol=1e-14)
