@@ -237,7 +237,11 @@ def test_dynamics_are_those_of_the_solvers_error_model(seed):
     C = attitude.to_dcm(attitude.normalize(rng.standard_normal(4)))
     force, vel = np.array([0, 0, 9.8]) + rng.standard_normal(3), 100 * rng.standard_normal(3)
     part = Truth(
-        0, *(a[None, None] for a in (C, force, vel, public.site.pos, C, vel)), np.array([True]), vel[None, None]
+        0,
+        *(a[None, None] for a in (C, force, vel, public.site.pos, C, vel)),
+        np.array([True]),
+        vel[None, None],
+        np.zeros(1),
     )
     F = model.transitions(part)[0, 0]
     h, T = public.epoch_s, earth.transport_matrix(model.earth, public.site.latitude, public.site.height)

@@ -215,7 +215,7 @@ def test_process_noise_is_what_the_sensors_draw():
     world.reset([np.random.default_rng(run) for run in range(runs)], {})  # which measures nothing yet
     model, motion = ErrorDynamics(world), world.trajectory.chunk(0, epochs)
     h = world.task.epoch_s
-    truth = error_dynamics.Truth(0, *[None] * 6, np.ones(epochs, dtype=bool), None)
+    truth = error_dynamics.Truth(0, *[None] * 6, np.ones(epochs, dtype=bool), None, np.zeros(epochs))
     Q = model.noise(truth, np.broadcast_to(np.eye(15), (1, epochs, 15, 15)))[0]
     measured = world.imu.measure(motion.dtheta, motion.dvel)
     for states, true, found, triad in (
