@@ -38,7 +38,7 @@ class Ins:
         default_factory=dict
     )  #: parameters fed back so far by name, (..., size) in SI units
     #: Increments (dtheta rad, dvel m/s) of this epoch and of some before it, (..., samples, 3), without the biases fed back so
-    #: far; kept where fixes are not made at the ends of epochs.
+    #: far. They are kept if fixes are made between the ends of epochs.
     samples: tuple[Array, Array] | None = None
 
     @cached_property
