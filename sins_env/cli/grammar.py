@@ -20,6 +20,7 @@ CODES = (
 _FAILED = "failed epochs (an action that is not finite, or zero). A run that diverged is a result: 0."
 _RUN_CODES = f"Exit code 1: the run raised, was lost, was given up by the solver, or had {_FAILED}"
 _FORMATS = f"Formats: {', '.join(map(str, FORMATS.values()))}."
+WRITTEN = tuple(name for name, format in FORMATS.items() if format.save)
 _EVAL_CODES = (
     f"Exit code 1: any run raised, was lost, or had {_FAILED} Runs given up by the solver are counted in the table."
 )
@@ -253,7 +254,7 @@ def _hold_against(verb: Verb) -> None:
     sub.add_argument("target", metavar="OUT")
     text = f"format of IN, if its ending does not tell: {', '.join(FORMATS)}"
     sub.add_argument("--format", metavar="NAME", help=text)
-    sub.add_argument("--to", metavar="NAME", help="format of OUT, likewise")
+    sub.add_argument("--to", metavar="NAME", help="format of OUT, likewise: " + ", ".join(WRITTEN))
     sub.add_argument("--mapping", metavar="FILE", help="description of what IN lacks, as JSON (default: IN's .json)")
     sub.add_argument("--axes", metavar="AXES", help="where x, y, z of IN point: FRD, RFU, FLU ... or +y+x-z")
     sub.add_argument("--resample", type=float, metavar="HZ", help="to another rate; never done unasked")

@@ -40,6 +40,11 @@ def main() -> None:
     trj = found.get("trj")
     if isinstance(trj, np.ndarray) and trj.dtype.names and trj.size == 1:
         found = {**found, **{name: trj[name].item() for name in trj.dtype.names}}
+    structs = {
+        name: one for name, one in found.items() if isinstance(one, np.ndarray) and one.dtype.names and one.size == 1
+    }
+    for name, one in structs.items():
+        found |= {f"{name}.{field}": one[field].item() for field in one.dtype.names}
     arrays, others = {}, {}
     for name, value in found.items():
         if name.startswith("__"):

@@ -40,15 +40,18 @@ class Format:
     """A file format. Each module in ``formats`` makes one and calls it ``FORMAT``."""
 
     name: str  #: name that users type
-    ending: str  #: end of a file's name, with the dot
+    ending: str  #: end of a file's name, with the dot, or its whole name
     load: Callable[[Path, Mapping], Recording]
-    save: Callable[[Recording, Path], list[Path]]  #: writes all files or none, and returns their paths
+    #: Writes all files or none, and returns their paths; None for a format that is read only.
+    save: Callable[[Recording, Path], list[Path]] | None = None
     keys: tuple[str, ...] = ()  #: keys that its mappings take, besides ``COMMON_KEYS``
     #: Endings that files with fixes and with the reference add to NAME; the mapping NAME.json names these files.
     companions: tuple[str, ...] = ()
     lacks: tuple[str, ...] = ()  #: names of ``PARTS`` that it has no place for
-    recognises: Callable[[Path], bool] = lambda path: True  #: test of a file whose ending several formats share
+    #: Test of a file whose ending several formats share; what none recognises is that of the one that writes the ending.
+    recognises: Callable[[Path], bool] = lambda path: False
     distinctive: bool = True  #: whether most files with this ending are recordings
+    more_endings: tuple[str, ...] = ()  #: other endings of files that are read
 
     @property
     def allowed_keys(self) -> tuple[str, ...]:

@@ -96,8 +96,9 @@ def format_of(path: Path) -> str:
         ValueError: an ending of no format, or a file that none of several formats recognises, or more than one.
     """
     ending = unpacked_name(path).suffix
-    alike = [format for format in FORMATS.values() if ending.lower() == format.ending]
+    alike = [format for format in FORMATS.values() if ending.lower() in (format.ending, *format.more_endings)]
     found = [format for format in alike if len(alike) == 1 or (path.is_file() and format.recognises(path))]
+    found = found or [format for format in alike if format.save]
     if len(found) == 1:
         return found[0].name
     if alike:
@@ -151,12 +152,16 @@ def save(
     where = Path(path)
     kind = format or format_of(where)
     choice("format", kind, FORMATS)
+    write = FORMATS[kind].save
+    if write is None:
+        writable = ", ".join(name for name, format in FORMATS.items() if format.save)
+        raise ValueError(f"{where}: {kind} is only read; allowed: {writable}")
     if not where.resolve().parent.is_dir():
         raise FileNotFoundError(f"{where}: the directory does not exist")
     there = [file for file in _targets(recording, where, kind) if file.exists()]
     if there and not overwrite:
         raise FileExistsError(f"{', '.join(map(str, there))} exists already; allowed: another name, or to overwrite it")
-    return FORMATS[kind].save(recording, where)
+    return write(recording, where)
 
 
 def _targets(recording: Recording, path: Path, kind: str) -> list[Path]:

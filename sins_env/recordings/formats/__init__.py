@@ -2,7 +2,7 @@
 
 A file and a mapping come in and a :class:`sins_env.recordings.Recording` goes out, or the other way round. A module makes
 its ``FORMAT``; lists of formats and help texts are made from these. Read ``npz``, which has the package's own format,
-then ``csv_files``, ``kfgins``, ``psins_imu``, ``psins_mat``.
+then ``csv_files``, ``kfgins``, ``psins_imu``, ``psins_mat``. ``kitti``, ``navego``, ``novatel`` and ``rtklib`` are read only.
 """
 
 from __future__ import annotations

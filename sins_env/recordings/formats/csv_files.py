@@ -16,6 +16,7 @@ from sins_env.recordings.axes import to_rfu, turned
 from sins_env.recordings.clock import Samples, clocked
 from sins_env.recordings.columns import FRAMES, PARTS_OF_DATE, Part, make_part, unwrapped
 from sins_env.recordings.file_format import TEXT_KEYS, Format, unpacked_name
+from sins_env.recordings.formats import rtklib
 from sins_env.recordings.mapping import Mapping, companion
 from sins_env.recordings.recording import Gnss, Recording, Reference
 from sins_env.recordings.text import read_head, write_files
@@ -118,11 +119,21 @@ def _modulus(values: Array) -> float:
 def _gnss(path: Path, mapping: Mapping, imu: Times) -> Gnss:
     counts: dict[str, tuple[tuple[int, ...], bool]] = {"time": (_TIME, True), "position": ((3,), True)}
     counts |= {name: ((3,), False) for name in ("velocity", "position_std", "velocity_std")}
+    if isinstance(mapping.gnss, str):
+        return _fixes_of(companion(path, mapping.gnss, f"gnss of the mapping of {path.name}"), imu)
     part = make_part(path, mapping, "gnss", mapping.gnss, _FIX_KEYS, counts, optional=True)
     stds = (part.enu("position_std"), part.enu("velocity_std"))
     pos_std, vel_std = (None if std is None else np.abs(std) for std in stds)
     t = on_scale_of(part.increasing(), imu, part.path, "fixes")
     return Gnss(t, part.enu("velocity"), part.position(), pos_std, vel_std)
+
+
+def _fixes_of(path: Path, imu: Times) -> Gnss:
+    """Read the fixes of a file that describes itself."""
+    if not rtklib.holds_fixes(path):
+        allowed = f"an object of {', '.join(_FIX_KEYS)}, or a .pos file of RTKLIB"
+        raise ValueError(f"{path}: no fixes that describe themselves; allowed: {allowed}")
+    return rtklib.fixes(path, imu)
 
 
 def _reference(path: Path, mapping: Mapping, turn: Array, imu: Times) -> Reference:

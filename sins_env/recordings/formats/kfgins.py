@@ -29,6 +29,7 @@ from sins_env.recordings.assembling import assemble, geodetic
 from sins_env.recordings.axes import heading_pitch_roll, swap_ned, to_rfu, turned
 from sins_env.recordings.clock import Samples, check_increasing, clocked
 from sins_env.recordings.file_format import TEXT_KEYS, Format
+from sins_env.recordings.formats import rtklib
 from sins_env.recordings.mapping import Mapping, companion
 from sins_env.recordings.recording import Gnss, Recording, Reference
 from sins_env.recordings.text import Style, Table, header, read_table, write_files
@@ -86,6 +87,8 @@ def _file(path: Path, key: str, given: Any) -> Path:
 
 
 def _gnss(path: Path, style: Style, imu: Times) -> Gnss:
+    if rtklib.holds_fixes(path):
+        return rtklib.fixes(path, imu)
     table = read_table(path, GNSS_COLUMNS, style)
     times, rows = _weeks_apart(table, 7)
     if rows.shape[1] not in (7, 13):

@@ -14,8 +14,7 @@ of attitude alone, ``pos0`` (3,), and ``lever`` (3,) in m.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +22,13 @@ import numpy as np
 
 from sins_env import attitude, checks
 from sins_env.arrays import Array
-from sins_env.reading.matlab import read_matlab
+from sins_env.reading.matlab import MatFile, read_matlab
 from sins_env.recordings.assembling import assemble, geodetic
 from sins_env.recordings.axes import heading_pitch_roll, to_rfu, turned
 from sins_env.recordings.clock import Samples, check_increasing, clocked, hz_of
 from sins_env.recordings.file_format import SITE_KEYS, Format
 from sins_env.recordings.mapping import Mapping
-from sins_env.recordings.recording import Gnss, Recording, Reference, first_few
+from sins_env.recordings.recording import Gnss, Recording, Reference
 from sins_env.writing.files import replacing
 
 AXES = "RFU"
@@ -41,7 +40,7 @@ def load(path: Path, mapping: Mapping) -> Recording:
     Raises:
         ValueError: no readable file, or a variable of the wrong form.
     """
-    file = _File(path, *read_matlab(path))
+    file = MatFile(path, *read_matlab(path))
     imu = file.matrix("imu", (7,))
     turn = to_rfu(mapping.axes or AXES)
 
@@ -78,51 +77,13 @@ def load(path: Path, mapping: Mapping) -> Recording:
     return assemble(path, mapping, clock, gnss, reference, arm)
 
 
-def _start(file: _File) -> Array | None:
+def _start(file: MatFile) -> Array | None:
     """Return latitude rad, longitude rad and height m, (3,), of the start, if the file has them."""
     for name, count in (("pos0", 3), ("avp0", 9)):
         if name in file:
             values = file.vector(name, count)[-3:]
             return geodetic(file.path, name, lambda i: "its end", values[None], 1.0)[0]
     return None
-
-
-@dataclass(frozen=True)
-class _File:
-    """The variables of a file, each checked on demand."""
-
-    path: Path
-    arrays: dict[str, Any]
-    others: dict[str, str]  #: descriptions of the variables that are no arrays of numbers or text
-
-    def __contains__(self, name: str) -> bool:
-        return name in self.arrays or name in self.others
-
-    def _numbers(self, name: str, allowed: str, fits: Callable[[Array], bool]) -> Array:
-        if name not in self:
-            raise ValueError(f"{self.path}: no variable {name!r}; variables there: {self._there()}")
-        raw = self.arrays.get(name)
-        if raw is None or raw.dtype.kind not in "iuf" or not fits(raw):
-            what = self.others[name] if raw is None else f"{raw.dtype} of shape {raw.shape}"
-            raise ValueError(f"{self.path}: {name} is {what}; allowed: {allowed}")
-        values = raw.astype(np.float64)
-        bad = np.argwhere(~np.isfinite(values))
-        if len(bad):
-            place = ", ".join(f"{axis} {i + 1}" for axis, i in zip(("row", "column"), bad[0], strict=False))
-            raise ValueError(f"{self.path}: {name} is not finite at {place}")
-        return values
-
-    def _there(self) -> str:
-        return first_few([*self.arrays, *self.others], 30) or "none"
-
-    def matrix(self, name: str, columns: tuple[int, ...]) -> Array:
-        """Return a matrix (n, columns) of at least one row."""
-        allowed = f"numbers, (n, {' or '.join(map(str, columns))})"
-        return self._numbers(name, allowed, lambda a: a.ndim == 2 and a.shape[1] in columns and len(a) > 0)
-
-    def vector(self, name: str, count: int) -> Array:
-        """Return the first ``count`` numbers of a variable, (count,)."""
-        return self._numbers(name, f"{count} finite numbers", lambda a: a.size >= count).ravel()[:count]
 
 
 def save(recording: Recording, path: Path) -> list[Path]:

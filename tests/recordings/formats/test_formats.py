@@ -53,8 +53,8 @@ def test_where_formats_share_an_ending_the_file_decides(other, tmp_path):
 def test_a_file_that_none_of_them_takes_for_its_own_is_an_error(other, tmp_path, text):
     (tmp_path / "c.txt").write_text(text)
     with pytest.raises(
-        ValueError, match=r"c.txt: the ending '.txt' is that of kfgins, words; allowed: one of them, given"
+        ValueError, match=r"c.txt: the ending '.txt' is that of kfgins, .*, words; allowed: one of them, given"
     ):
         format_of(tmp_path / "c.txt")
-    with pytest.raises(ValueError, match=r"the ending '.txt' is that of kfgins, words"):
+    with pytest.raises(ValueError, match=r"the ending '.txt' is that of kfgins, .*, words"):
         save(made.recording(), tmp_path / "d.txt")
