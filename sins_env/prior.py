@@ -80,6 +80,8 @@ COARSE_STD_DEG = (0.1, 0.1, 2.0)
 #: Assumed standard deviations of the misalignment E, N, U of a level from the specific force of one epoch, at any heading.
 SWITCH_ON_STD_DEG = (3.0, 3.0, ANY_HEADING_STD_DEG)
 START_VELOCITY_STD_MPS = 0.2
+#: Standard deviation of the velocity of fixes that are positions alone: anything that a vehicle may do.
+NO_VELOCITY_STD_MPS = 100.0
 
 
 def matched_prior(imu: ImuSpec, gps: GpsSpec, epoch_s: float, attitude_std_deg: tuple[float, ...]) -> Prior:
@@ -98,7 +100,7 @@ def matched_prior(imu: ImuSpec, gps: GpsSpec, epoch_s: float, attitude_std_deg: 
         accel_bias_std_ug=max(math.hypot(imu.accel_bias_ug, imu.accel_markov_ug), 1e-3 * floor.accel_bias_ug),
         arw_deg_sqrt_h=imu.arw_deg_sqrt_h,
         vrw_ug_sqrt_hz=imu.vrw_ug_sqrt_hz,
-        gps_vel_std_mps=tuple(np.maximum(gps.vel_std, 1e-4).tolist()),
+        gps_vel_std_mps=tuple(np.maximum(gps.vel_std, 1e-4).tolist()) if gps.velocity else (NO_VELOCITY_STD_MPS,) * 3,
         gps_pos_std_m=tuple(np.maximum(gps.pos_std, 1e-3).tolist()),
         epoch_s=epoch_s,
     )

@@ -133,6 +133,7 @@ class GpsSpec:
     heavy_tail_dof: float = 0.0  #: degrees of freedom of Student-t errors, one factor per fix; 0 is Gaussian
     jump_mps: float = 0.0  #: size of a velocity offset in a horizontal direction that each run draws
     jump_s: float | tuple[float, float] = 0.0  #: interval of the offset, or its duration with a start that is drawn
+    velocity: bool = True  #: whether a fix has a velocity beside its position
     age_s: float = 0.0  #: how old a fix is at the end of the epoch that holds it: made within it, or delivered late
     age_jitter_s: float = 0.0  #: spread of the age: fixes are between ``age_s`` and this much older
 
@@ -146,6 +147,7 @@ class GpsSpec:
             "contamination": partial(checks.number, allowed="a number from 0 to 1", least=0.0, most=1.0),
             "heavy_tail_dof": _degrees_of_freedom,
             "jump_s": _duration_or_interval,
+            "velocity": checks.flag,
             **dict.fromkeys(("age_s", "age_jitter_s"), _age),
         }
         _check_fields(self, special)

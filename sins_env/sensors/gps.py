@@ -162,6 +162,8 @@ class Gps:
             self._earth.a,
             self._earth.e2,
         )
+        if not self.spec.velocity:
+            vel = np.zeros_like(vel)
         return vel, pos, np.broadcast_to(present[:, None], (runs, epochs, 1)).astype(np.int8)
 
     def _errors(self, runs: int, epochs: int) -> Array:

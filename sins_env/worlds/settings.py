@@ -120,6 +120,9 @@ class SimulationSettings(Timed):
                 "allowed: with start = 'told' and a drawn misalignment only"
             )
         epochs_per_fix(self.gps_true, self.epoch)
+        if not self.gps_true.velocity:
+            allowed = "true in an alignment, at whose known place a position tells nothing"
+            raise checks.refused("gps velocity", False, allowed)
         _ = self.sensors_told
         set_(self, "aids", check_aids(self.aids, self.epoch))
 
@@ -202,7 +205,10 @@ def told_sensors(given: Any, imu: ImuSpec, gps: GpsSpec) -> tuple[ImuSpec, GpsSp
         raise checks.refused("told", given, "None, or a dict of imu and gps")
     for name in given:
         checks.choice("setting of told", name, ("imu", "gps"))
-    return imu_spec(given.get("imu", imu), imu), gps_spec(given.get("gps", gps), gps)
+    told = imu_spec(given.get("imu", imu), imu), gps_spec(given.get("gps", gps), gps)
+    if told[1].velocity != gps.velocity:
+        raise checks.refused("velocity of gps in told", told[1].velocity, f"{gps.velocity}, as of the true fixes")
+    return told
 
 
 def told_aids(aids: tuple[AidSpec, ...]) -> tuple[AidSpec, ...]:

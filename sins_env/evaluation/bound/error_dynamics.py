@@ -196,7 +196,8 @@ class ErrorDynamics:
         for states, sigma, tau in [*spreads, *((states, one.std, one.time_constant_s) for states, one in self.own)]:
             std[states] = sigma
             drive[states] = 2 * sigma**2 / tau
-        self.shown = FIX.places(self.states.only(*(name for name in FIX.names if name in self.states)))
+        shown = [name for name in FIX.names if name in self.states and (gps.velocity or name != "dv")]
+        self.shown = FIX.places(self.states.only(*shown))
         self.P0, self._drive = np.diag(std[self.kept] ** 2), drive
         self.driven = drive[self.kept]  #: (n,) densities of the white noise of the states, before any wave
         self.R = fix_noise(gps)[np.ix_(self.shown, self.shown)]

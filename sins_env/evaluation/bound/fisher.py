@@ -21,7 +21,7 @@ def fix_noise(gps: GpsSpec) -> Array:
     A jump counts as known; an estimator that has to find it does worse.
     """
     std = np.maximum([*gps.vel_std, *gps.pos_std], LEAST_STD)
-    return np.diag(std**2) / fisher_factor(gps, FIX_DIMENSION)
+    return np.diag(std**2) / fisher_factor(gps, FIX_DIMENSION if gps.velocity else FIX_DIMENSION // 2)
 
 
 def fisher_factor(gps: GpsSpec, dimension: int) -> float:

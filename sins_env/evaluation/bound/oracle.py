@@ -147,7 +147,9 @@ def _without(name: str, spec: Any, known: dict[str, float]) -> dict[str, Any]:
 
 
 def compute(task: EvaluationTask, runs: int | Iterable[int], suite_seed: int | None = None) -> Oracle | None:
-    """Play the oracle on runs of a task's suite; None if the task has no bound, has aids, or fixes between the ends of epochs.
+    """Play the oracle on runs of a task's suite; None if the task has no bound, or aids.
+
+    The result is None, too, with fixes between the ends of epochs, and with fixes without a velocity.
 
     Args:
         task: a task.
@@ -155,9 +157,11 @@ def compute(task: EvaluationTask, runs: int | Iterable[int], suite_seed: int | N
         suite_seed: seed of the suite; None takes that of the task.
     """
     found = simulated(task)
-    if found is None or found[1].aids or found[1].gps.spec.oldest_s:  # what these have drawn is not taken apart here
+    if found is None or found[1].aids:  # what aids have drawn is not taken apart here
         return None
     public, world = found
+    if world.gps.spec.oldest_s or not world.gps.spec.velocity:
+        return None
     wanted, model = run_numbers(runs), ErrorDynamics(world)
     drawn = _Drawn(task, world.imu.spec, world.gps.spec, wanted, suite_seed)
     criteria = Criteria.of(task, drawn.env.unwrapped.task)  # which tells the start now

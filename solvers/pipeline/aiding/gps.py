@@ -41,8 +41,9 @@ class Gps:
         self._earth = earth.get(task.site.earth)
         self._rate_ie = earth.rate_n(self._earth, task.site.latitude)
         self._lever = np.asarray(task.gps.lever_arm_m) if any(task.gps.lever_arm_m) else None
-        self._law, self._fix = noise_law(task.gps), Fix(states)
-        rows = FIX.places(self._fix.shown)
+        self._law, self._fix = noise_law(task.gps), Fix(states, task.gps.velocity)
+        self.shown = self._fix.shown  #: the states that a fix shows
+        rows = FIX.places(self.shown)
         self._R, self.rows = task.prior.R[np.ix_(rows, rows)], len(rows)
         self._position, self._vertical = "dp" in states, states.only("dv").size == 3
         self._oldest = task.gps.oldest_s
@@ -92,7 +93,7 @@ class Gps:
         if not seen:
             return None
         off, arm, made = self._compared(obs, ins, valid)
-        residual, R = off[..., : self.rows], self._R
+        residual, R = off[..., self._fix.rows], self._R
         if seen < valid.size:
             residual = np.where(valid[..., None], residual, 0.0)
             R = R + np.where(valid, 0.0, MISSING)[..., None, None] * np.eye(len(R))
@@ -156,10 +157,18 @@ class Made(NamedTuple):
 
 
 class Fix:
-    """The states of a layout that a fix shows: ``dv``, and ``dp`` if the layout has it."""
+    """The states of a layout that a fix shows: ``dv``, unless it is a position alone, and ``dp`` if the layout has it.
 
-    def __init__(self, states: Layout) -> None:
-        self.shown = states.only(*(name for name in FIX.names if name in states))
+    Raises:
+        ValueError: a fix that shows no state.
+    """
+
+    def __init__(self, states: Layout, velocity: bool = True) -> None:
+        self.shown = states.only(*(name for name in FIX.names if name in states and (velocity or name != "dv")))
+        if not self.shown.names:
+            raise ValueError("fixes without a velocity; allowed: in navigation, where the position is a state")
+        places = FIX.places(self.shown)
+        self.rows = slice(int(places[0]), int(places[-1]) + 1)  #: of velocity and position
         self._seen, self._phi = states.span(*self.shown.names), states["phi"]
         self._H, self._states = np.eye(states.size)[self._seen], states
 
@@ -175,7 +184,7 @@ class Fix:
             return Measurement(residual, self._before(made, arm), R, law)
         if arm is None:
             return Measurement(residual, Linear(self._H), R, law)
-        return Measurement(residual, Antenna(self._H, self._seen, self._phi, arm), R, law)
+        return Measurement(residual, Antenna(self._H, self._seen, self._phi, arm, self.rows), R, law)
 
     def _before(self, made: Made, arm: Array | None) -> AntennaBefore:
         """Return what a fix shows that was made before the end of the epoch.
@@ -190,7 +199,14 @@ class Fix:
         moved = made.ins.C * (ACCEL_UNIT if states.only("accel_bias").size == 3 else 0.0)
         drawn = np.stack([d * moved, -0.5 * d * d * moved], axis=-3)
         return AntennaBefore(
-            self._H, self._seen, self._phi, force if arm is None else arm + force, H, drawn, states["accel_bias"]
+            self._H,
+            self._seen,
+            self._phi,
+            force if arm is None else arm + force,
+            self.rows,
+            H,
+            drawn,
+            states["accel_bias"],
         )
 
 
@@ -201,10 +217,11 @@ class Antenna:
     H: Array  #: (m, n), the states that a fix shows
     seen: slice  #: place of these states
     phi: slice
-    arm: Array  #: (*batch, k, 3), the vectors a
+    arm: Array  #: (*batch, 2, 3), the vectors a of velocity and position
+    rows: slice  #: of those of velocity and position
 
     def __call__(self, x: Array) -> Array:
-        return x[..., self.seen] + arm_error(x[..., self.phi], self.arm)[..., : len(self.H)]
+        return x[..., self.seen] + arm_error(x[..., self.phi], self.arm)[..., self.rows]
 
     def jacobian(self, x: Array) -> Array:
         """Return H and, in the columns of phi, C' [a x] C_w: (..., m, n) for x (..., n)."""
@@ -212,7 +229,7 @@ class Antenna:
         turned = attitude.misalignment_dcm(phi).mT[..., None, :, :] @ attitude.skew(self.turned(x))
         slope = turned @ attitude.misalignment_rate_matrix(phi)[..., None, :, :]
         J = np.broadcast_to(self.of(x, self.linear), (*x.shape[:-1], *self.H.shape)).copy()
-        J[..., self.phi] += slope.reshape(*slope.shape[:-3], -1, 3)[..., : len(self.H), :]
+        J[..., self.phi] += slope.reshape(*slope.shape[:-3], -1, 3)[..., self.rows, :]
         return J
 
     @property
@@ -249,7 +266,7 @@ class AntennaBefore(Antenna):
         back = np.matmul(self.turned(x), attitude.misalignment_dcm(x[..., self.phi]))  # rows, as in arm_error
         apart = self.of(x, self.arm) - back
         linear = np.matmul(self.of(x, self.then), x[..., None])[..., 0]
-        return linear + apart.reshape(*apart.shape[:-2], -1)[..., : len(self.H)]
+        return linear + apart.reshape(*apart.shape[:-2], -1)[..., self.rows]
 
     def turned(self, x: Array) -> Array:
         nabla = x[..., None, self.bias, None]
@@ -260,9 +277,7 @@ class AntennaBefore(Antenna):
         """Return dh / dx (..., m, n) at x (..., n)."""
         J = super().jacobian(x)
         slope = attitude.misalignment_dcm(x[..., self.phi]).mT[..., None, :, :] @ self.of(x, self.drawn)
-        J[..., self.bias] -= slope.reshape(*slope.shape[:-3], -1, 3)[
-            ..., : len(self.H), : self.bias.stop - self.bias.start
-        ]
+        J[..., self.bias] -= slope.reshape(*slope.shape[:-3], -1, 3)[..., self.rows, : self.bias.stop - self.bias.start]
         return J
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
-from sins_env.states import ERRORS, FIX, answered
+from sins_env.states import ERRORS, answered
 from sins_env.types import NavState, Observation, Task
 from solvers.blocks.conditioning import condition, log_likelihood
 from solvers.blocks.moments import correlated_moments
@@ -251,7 +251,8 @@ class Episode:
         if not len(seen):
             return s
         z, H = Seen(self._coordinates.at(s.ins.nav), me.h).at_zero
-        H[..., : FIX["dv"].stop, self._offset] -= np.eye(3)  # INS minus fix shows the offset with a minus sign
+        if "dv" in self._aid.shown:
+            H[..., self._aid.shown["dv"], self._offset] -= np.eye(3)  # INS minus fix shows the offset with a minus sign
         R = me.R if me.R.ndim == 2 else me.R[seen[0]]
         nu = me.z - z
         self._read.append(({"gps": slice(len(R))}, Reading(s, nu, H, R, seen)))

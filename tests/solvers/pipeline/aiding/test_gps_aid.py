@@ -9,7 +9,9 @@ from oracles.zoo import generators
 from scipy import stats
 
 import sins_env  # noqa: F401
+import solvers
 from sins_env import attitude, earth
+from sins_env.evaluation.bound.error_dynamics import ErrorDynamics
 from sins_env.types import NavState
 from solvers.filters import make_filter
 from solvers.pipeline.aiding.aid import Ins
@@ -172,3 +174,61 @@ def test_an_aid_brings_a_state_of_its_own(settings):
 def test_without_it_the_errors_are_not_explained():
     error, made = fly(Navigator(make_filter("ekf")))
     assert nees(error, made.covariance()) > 2 * stats.chi2.ppf(0.9995, 9 * 24) / 24
+
+
+@pytest.mark.parametrize("arm", [(0.0, 0.0, 0.0), (1.0, -2.0, 0.5)])
+def test_a_fix_without_a_velocity_is_the_other_half(task, arm):
+    """Its rows are those of the position, with and without an age; an error model without a position has none."""
+    obs, nav = fixes(task, 5)
+    told = with_arm(task, *arm)
+    alone = dataclasses.replace(told, gps=dataclasses.replace(told.gps, velocity=False))
+    x = 0.3 * np.random.default_rng(4).standard_normal((5, 15))
+    samples = (np.repeat(obs["dtheta"], 2, axis=1), np.ones((5, 2, 3)))
+    for age in (None, 0.13):
+        more = {} if age is None else {"gps_age": np.full((5, 1), age)}
+        ins = dataclasses.replace(given(obs, nav), samples=samples)
+        both, one = (Gps(t, NavigationErrors().states).read({**obs, **more}, ins) for t in (told, alone))
+        np.testing.assert_array_equal(one.z, both.z[:, 3:])
+        np.testing.assert_array_equal(one.h(x), both.h(x)[:, 3:])
+        np.testing.assert_array_equal(one.R, task.prior.R[3:, 3:])
+        if age or any(arm):
+            np.testing.assert_array_equal(one.h.jacobian(x), both.h.jacobian(x)[:, 3:])
+    with pytest.raises(ValueError, match="fixes without a velocity; allowed: in navigation"):
+        Gps(alone, NavigationErrors(position=False).states)
+
+
+def test_fixes_without_a_velocity_in_a_world():
+    """The positions keep their bits; the bound has their rows alone; an alignment refuses them, and a task that tells otherwise."""
+    setting = {"profile": "lu-gauss", "duration": 10.0}
+    worlds = [gymnasium.make(FLIGHT, gps={"velocity": velocity}, **setting) for velocity in (True, False)]
+    seen = [env.reset(seed=1)[0] for env in worlds]
+    assert np.linalg.norm(seen[0]["gps_vel"]) > 1.0
+    assert not seen[1]["gps_vel"].any()
+    for name in ("gps_pos", "gps_valid", "dtheta"):
+        np.testing.assert_array_equal(seen[1][name], seen[0][name])
+    both, alone = (ErrorDynamics(env.unwrapped.episode.world) for env in worlds)
+    np.testing.assert_array_equal(alone.R, both.R[3:, 3:])
+    np.testing.assert_array_equal(alone.shown, both.shown[3:])
+    with pytest.raises(ValueError, match="gps velocity = False; allowed: true in an alignment"):
+        gymnasium.make("SINS/AlignSway-v0", gps={"velocity": False})
+    with pytest.raises(ValueError, match="velocity of gps in told = True; allowed: False"):
+        gymnasium.make(FLIGHT, gps={"velocity": False}, told={"gps": {"velocity": True}}, **setting)
+
+
+@pytest.mark.parametrize("name", ["ckf", "inekf", "gsf_imm"])
+def test_positions_alone_in_the_chain(name):
+    """The velocity becomes known from them, and the covariance holds."""
+    runs = 12
+    gps = {"velocity": False, "rate_hz": 1.0, "pos_std_m": 1.0}
+    start = {"attitude_std_deg": [0.5, 0.5, 1.0], "velocity_std_mps": 2.0, "position_std_m": 10.0}
+    env = gymnasium.make_vec(FLIGHT, num_envs=runs, profile="lu-gauss", duration=20.0, gps=gps, epoch=0.2, **start)
+    obs, _ = env.reset(seed=3)
+    made = solvers.make(name)
+    made.reset(env.unwrapped.task, generators((runs,)), runs)
+    for _ in range(env.unwrapped.task.num_epochs):
+        obs, _, _, _, info = env.step(made.step(obs))
+    error = np.concatenate([info["errors"][key] for key in ("phi", "vel", "pos")], axis=-1)
+    nees = np.sum(error * np.linalg.solve(made.covariance(), error[..., None])[..., 0], axis=-1)
+    low, high = stats.chi2.ppf([0.0005, 0.9995], 9 * runs) / runs
+    assert low < nees.mean() < high
+    assert np.sqrt(np.square(error[:, 3:6]).mean()) < 0.4
