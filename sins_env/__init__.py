@@ -51,6 +51,8 @@ from sins_env import registering as _registering
 
 if _TYPES:
     from sins_env.evaluation.planning.family import bound
+    from sins_env.evaluation.solution.navigating import navigate
+    from sins_env.evaluation.solution.solution import Solution
     from sins_env.prior import Prior
     from sins_env.specs import GPS_PRESETS, IMU_PRESETS, GpsSpec, ImuSpec
     from sins_env.types import Estimator, NavState, Observation, Site, Task
@@ -66,14 +68,18 @@ __all__ = [
     "Observation",
     "Prior",
     "Site",
+    "Solution",
     "Task",
     "bound",
+    "navigate",
 ]
 
 #: Modules of the public names. They are imported when a name is asked for, so that the command line can begin before.
 _MODULES = {
     "Prior": "prior",
     "bound": "evaluation.planning.family",
+    "Solution": "evaluation.solution.solution",
+    "navigate": "evaluation.solution.navigating",
     **dict.fromkeys(("GPS_PRESETS", "IMU_PRESETS", "GpsSpec", "ImuSpec"), "specs"),
 }
 

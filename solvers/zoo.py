@@ -11,6 +11,8 @@ from functools import partial
 import solvers
 from solvers.registry import class_of
 
+RECOMMENDED = "gsf_imm"  #: the solver that who names none gets
+
 
 def names(package: str = "solvers") -> list[str]:
     """The solvers whose classes a package or module defines: this project's own, or those that another has registered."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sins_env import recordings
 from sins_env.arrays import Array, Obs, Rngs
 from sins_env.prior import PRIORS, TOLD_START_STD_DEG
+from sins_env.recordings import Recording
 from sins_env.sensors.gps import Fixes, epochs_per_fix, in_fields, received, zero_velocity_fixes
 from sins_env.sensors.imu import standard_normal
 from sins_env.specs import imu_spec
@@ -36,7 +37,10 @@ class ReplayWorld(ChunkedWorld):
 
     def __init__(self, env_id: str, settings: ReplaySettings) -> None:
         self.settings = settings
-        self.recording = recordings.load(settings.recording, accept=settings.accept or None)
+        given = settings.recording
+        self.recording = (
+            given if isinstance(given, Recording) else recordings.load(given, accept=settings.accept or None)
+        )
         self.scored = self.recording.reference is not None
         if self.recording.gnss is not None and self.recording.gnss.vel is None:
             allowed = 'fixes with velocities, or "velocity_from_positions": true in its mapping'

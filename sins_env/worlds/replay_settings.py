@@ -26,7 +26,7 @@ COARSE_S = {"align": 90.0, "navigate": 60.0}
 class ReplaySettings:
     """Settings of ``SINS/Replay-v0``. Values are those that JSON can hold.
 
-    ``recording`` is a path, sought as it is given and then in $SINS_ENV_DATA.
+    ``recording`` is a path, sought as it is given and then in $SINS_ENV_DATA. It may also be a recording in memory.
 
     ``window`` is (start, length) in s on the clock of the recording, and begins at the sample edge nearest to the start.
     None takes all of it. ``duration``, s, without a window takes this length from the first epoch on. ``stride``, s, makes
@@ -50,7 +50,7 @@ class ReplaySettings:
         ValueError: any value out of its range.
     """
 
-    recording: str = ""
+    recording: Any = ""
     window: tuple[float, float] | None = None
     duration: float | None = None
     stride: float | None = None
@@ -70,8 +70,8 @@ class ReplaySettings:
         checks.choice("prior", self.prior, PRIORS)
         checks.choice("mode", self.mode, MODES)
         object.__setattr__(self, "accept", accepted(self.accept))
-        if not self.recording or not isinstance(self.recording, (str, os.PathLike)):
-            raise checks.refused("recording", self.recording, "the path of a recording")
+        if not isinstance(self.recording, (str, os.PathLike, Recording)) or self.recording == "":
+            raise checks.refused("recording", self.recording, "the path of a recording, or a recording")
         set_ = object.__setattr__
         set_(self, "epoch", check_epoch(self.epoch))
         set_(self, "coarse", check_coarse(self.coarse, self.start, COARSE_S[self.mode]))

@@ -20,6 +20,7 @@ from solvers.pipeline.errors.model import ErrorModel
 from solvers.pipeline.errors.navigation import NavigationErrors
 from solvers.pipeline.integration import Integration, refuse_navigation
 from solvers.pipeline.settings import Settings
+from solvers.pipeline.smoother import Smoother
 from solvers.types import Filter, Health
 
 
@@ -143,3 +144,11 @@ class Pipeline:
     def diagnostics(self) -> dict[str, Array]:
         """Return what the filter knows beside its estimate, by name; nothing in the coarse phase."""
         return self.running.diagnostics()
+
+    def smoother(self) -> Smoother:
+        """Return an estimator of the same answers whose ``smoothed()`` has the states of all epochs from all fixes.
+
+        Raises:
+            ValueError: the filter cannot be smoothed.
+        """
+        return Smoother(self)

@@ -30,7 +30,7 @@ from solvers.pipeline.aiding.zero_velocity import ZeroVelocity
 from solvers.pipeline.coarse.spread import told_by
 from solvers.pipeline.errors.equivariant import Equivariant
 from solvers.pipeline.errors.invariant import Euler, Invariant
-from solvers.pipeline.errors.model import ErrorModel
+from solvers.pipeline.errors.model import ErrorModel, told
 from solvers.pipeline.rewind import Samples
 from solvers.pipeline.settings import Settings
 from solvers.pipeline.strapdown import Strapdown, StrapdownState, carried_sample
@@ -55,6 +55,11 @@ class Integration(ABC):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join([repr(self.filter), *changed(Settings, vars(self.settings))])})"
+
+    @property
+    def running(self) -> Integration:
+        """The estimator in use, which is this one."""
+        return self
 
     @property
     def task(self) -> Task:
@@ -139,13 +144,33 @@ class Integration(ABC):
     def diagnostics(self) -> dict[str, Array]:
         """Return what the filter knows beside its estimate, by name; nothing in the coarse phase.
 
-        After an epoch with a fix or reading, ``<aid>_residual`` (..., m) is the INS minus the reading less its prediction, and
-        ``<aid>_nis`` (...) its normalised square; NaN without one.
+        These are the biases ``gyro_bias`` (..., 3) rad/s and ``accel_bias`` (..., 3) m/s^2 and the parameters of aids in SI units,
+        each with ``<name>_sigma``. Biases in navigation axes are left out.
+
+        After an epoch with a fix or reading, ``<aid>_residual`` (..., m) is the INS minus the reading less its prediction,
+        ``<aid>_covariance`` (..., m, m) its covariance, and ``<aid>_nis`` (...) its normalised square; NaN without one.
         """
         if self.belief is None:
             return {}
-        found = self.filter.diagnostics(self.belief)
+        found = {**self.filter.diagnostics(self.belief), **self._constants()}
         return found if self._innovation is None else {**found, **fits(self._innovation, self._aids.rows)}
+
+    def _constants(self) -> dict[str, Array]:
+        """Return biases and parameters of aids, each with its standard deviation; NaN in runs that have not begun."""
+        assert self.ins is not None
+        _, errors, P = self.solution(self.filter.estimate(self.belief), self.ins.nav)
+        fed = dict(self.own)
+        if self.bias is not None:
+            per_sample = self.task.epoch_s / self.task.n_sub
+            fed |= {"gyro_bias": self.bias[0] / per_sample, "accel_bias": self.bias[1] / per_sample}
+        found = told(self.states, fed, errors, P)
+        turned = ("gyro_bias", "accel_bias") if self.settings.bias_frame == "nav" else ()
+        begun = self.begun[..., None]
+        return {
+            name: np.where(begun, value, np.nan)
+            for name, value in found.items()
+            if name.removesuffix("_sigma") not in turned
+        }
 
     @property
     def states(self) -> Layout:

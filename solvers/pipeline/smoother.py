@@ -21,7 +21,7 @@ import numpy as np
 from sins_env.arrays import Array, Mask
 from sins_env.states import Layout
 from sins_env.types import NavState, Observation, Rng, Task
-from solvers.pipeline.estimator import Aligner, Navigator, Pipeline
+from solvers.pipeline.integration import Integration
 from solvers.smoothing import Recorder
 from solvers.types import Gaussian, Health
 
@@ -64,7 +64,7 @@ class Smoother:
     """
 
     def __init__(self, estimator: Any) -> None:
-        if not isinstance(estimator, Pipeline | Aligner | Navigator):
+        if not isinstance(getattr(estimator, "running", None), Integration):
             allowed = "a pipeline around a filter, such as solvers.make('ekf') or solvers.make('inekf')"
             raise ValueError(f"{estimator!r} cannot be smoothed; allowed: {allowed}")
         self._recorder = Recorder(estimator.filter)
@@ -99,6 +99,10 @@ class Smoother:
         """Return repairs and failures of each run so far; None in the coarse phase."""
         return self._pipeline.health()
 
+    def diagnostics(self) -> dict[str, Array]:
+        """Return what the filter knew beside its answer, by name."""
+        return self._pipeline.diagnostics()
+
     def smoothed(self) -> Smoothed:
         """Return the track of the fine phase so far, smoothed, and the filter's own.
 
@@ -115,9 +119,9 @@ class Smoother:
         return Smoothed(self._track(later[::-1]), self._track(then))
 
     @property
-    def _running(self) -> Aligner | Navigator:
-        pipeline = self._pipeline
-        return pipeline.running if isinstance(pipeline, Pipeline) else pipeline
+    def _running(self) -> Integration:
+        running: Integration = self._pipeline.running
+        return running
 
     def _track(self, estimates: list[Gaussian]) -> Track:
         """Return the states of the INS without the errors that were estimated of them, one for each epoch kept."""

@@ -49,6 +49,15 @@ def _foreign() -> dict[str, list[Offer]]:
     return {name: [one for one in same if one.point.name == name] or same for name, same in found.items()}
 
 
+def recommended() -> str:
+    """Return the name of the solver that this project recommends, which its entry point tells.
+
+    Raises:
+        ValueError: the solvers of this project are not installed.
+    """
+    return offers.recommended()
+
+
 def is_own(solver: Solver) -> bool:
     """Return whether a solver is given by the name of one of this project."""
     return isinstance(solver, str) and solver in offers.own()

@@ -108,6 +108,14 @@ class Guarded(Protocol):
         """
         ...
 
+    def diagnostics(self) -> dict[str, Array]:
+        """Return what the estimator knows beside its answers, by name, with the run axis in front; only arrays of numbers.
+
+        Raises:
+            EstimatorError: the estimator failed.
+        """
+        ...
+
     def health(self) -> Health:
         """Return per run the covariance repairs, the fallbacks, and the epoch at which it froze, or -1.
 
@@ -175,6 +183,19 @@ class Guard:
         n = answered(self.navigate).size
         return self._array("covariance", self._call("covariance"), n, n) if self.offers("covariance") else None
 
+    def diagnostics(self) -> dict[str, Array]:
+        found = self._call("diagnostics") if self.offers("diagnostics") else {}
+        try:
+            arrays = {str(name): np.asarray(value) for name, value in found.items()}
+        except Exception as error:
+            raise EstimatorError(f"diagnostics returned {line(error)}; allowed: a dict of arrays by name") from error
+        rows = {name: value if self.batched else value[None] for name, value in arrays.items()}
+        return {
+            name: np.array(value, dtype=np.float64)
+            for name, value in rows.items()
+            if value.dtype.kind in "biuf" and value.ndim and len(value) == self.num_runs
+        }
+
     def _array(self, name: str, value: Any, *shape: int) -> Array:
         """Return a copy as float64, for an estimator may use its buffer again."""
         expected = (self.num_runs, *shape) if self.batched else shape
@@ -192,6 +213,10 @@ class Guard:
         if not fits:
             raise EstimatorError(f"{name} returned shape {given.shape}; allowed: {expected}")
         return array.reshape(self.num_runs, *shape)
+
+    def smoothed(self) -> Any:
+        """Return the smoothed track of a smoother: states at the ends of epochs with the run axis second, and covariances."""
+        return self._call("smoothed").smoothed
 
     def health(self) -> Health:
         if not self.offers("health"):

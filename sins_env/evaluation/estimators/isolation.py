@@ -28,6 +28,7 @@ from sins_env.evaluation.estimators.guard import (
     Refusal,
     Unavailable,
     checked_health,
+    line,
 )
 from sins_env.evaluation.estimators.wire import Answer, Layout
 from sins_env.kernels.warming import ready
@@ -99,6 +100,14 @@ class Host(Protocol):
         """
         ...
 
+    def smoother(self, num_runs: int) -> Guard:
+        """Return the estimator's smoother for so many runs, which answers as it does and has ``smoothed()`` afterwards.
+
+        Raises:
+            Refusal: it has none, or plays in a process of its own.
+        """
+        ...
+
     def close(self) -> None:
         """End its process, if it has one of its own."""
         ...
@@ -117,6 +126,15 @@ class Here:
 
     def guard(self, num_runs: int, clock: Clock = time.perf_counter) -> Guard:
         return Guard(self.estimator, num_runs, clock=clock)
+
+    def smoother(self, num_runs: int) -> Guard:
+        made = getattr(self.estimator, "smoother", None)
+        if made is None:
+            raise _not_smoothed(self.solver, "has no smoother")
+        try:
+            return Guard(made(), num_runs)
+        except ValueError as error:
+            raise _not_smoothed(self.solver, f"cannot be smoothed: {line(error)}") from error
 
     def close(self) -> None:
         pass
@@ -153,8 +171,16 @@ class Isolated:
         self.child.call("guard", self.limits.call_s, num_runs, clock)
         return IsolatedGuard(self, num_runs, clock)
 
+    def smoother(self, num_runs: int) -> Guard:
+        raise _not_smoothed(self.solver, "plays in a process of its own, in which nothing is smoothed")
+
     def close(self) -> None:
         self.child.close()
+
+
+def _not_smoothed(solver: finding.Solver, why: str) -> Refusal:
+    allowed = "a filter with one Gaussian that predicts by a moment rule, such as inekf, ekf or ckf"
+    return Refusal(f"solver {finding.solver_name(solver)!r} {why}; allowed: {allowed}")
 
 
 @contextmanager
@@ -257,6 +283,10 @@ class IsolatedGuard:
 
     def covariance(self) -> Array | None:
         return np.array(self._answers["covariance"]) if self._ask("covariance").value else None
+
+    def diagnostics(self) -> dict[str, Array]:
+        """Return nothing: only answers whose shapes are known beforehand come from another process."""
+        return {}
 
     def health(self) -> Health:
         self._ask("health")

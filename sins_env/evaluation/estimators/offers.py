@@ -79,6 +79,20 @@ def own() -> dict[str, Callable[[], Any]]:
     return found
 
 
+def recommended() -> str:
+    """Return the attribute ``RECOMMENDED`` of this project's entry point, a solver's name.
+
+    Raises:
+        ValueError: there is none.
+    """
+    for point in points()[0]:
+        if name := getattr(point.load(), "RECOMMENDED", ""):
+            return str(name)
+    raise ValueError(
+        "no solver is recommended, for none is installed; allowed: pip install . in the project's directory"
+    )
+
+
 def load(point: EntryPoint) -> Offered:
     """Import an entry point and return the solvers that it offers, by name.
 

@@ -9,20 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
 
-from sins_env import attitude
+from sins_env import attitude, earth
 from sins_env.arrays import Array
+from sins_env.envs.reward import score_navigation
 from sins_env.evaluation.estimators import finding
-from sins_env.evaluation.estimators.isolation import Host, hosted
+from sins_env.evaluation.estimators.guard import Guard, Guarded
+from sins_env.evaluation.estimators.isolation import hosted
 from sins_env.evaluation.play.loop import Loop
+from sins_env.evaluation.replay.told import SIGMA, Told
 from sins_env.evaluation.replay.track import Track
 from sins_env.evaluation.tasks.task import is_scored
-from sins_env.recordings import heading_pitch_roll
+from sins_env.recordings import Recording, heading_pitch_roll
 from sins_env.states import FIX
+from sins_env.types import NavState, Task
 
 ANGLES = ("heading", "pitch", "roll")
 
@@ -40,6 +44,13 @@ class Replay:
     reference: Array | None  #: (W, K, 3) angles of the reference; None without one
     failed: tuple[str, ...]  #: (W,) reason why a window failed; empty if it did not
     track: Track | None = None  #: velocity and position; None in alignment
+    told: Told | None = None  #: what the solver tells of itself
+    source: Recording | None = None
+
+    @property
+    def zero_velocity(self) -> bool:
+        """Whether zero-velocity updates stand in for fixes."""
+        return self.source is not None and self.source.gnss is None
 
     @property
     def scatter(self) -> Array:
@@ -67,7 +78,7 @@ def mean_angle(angles: Array) -> Array:
 
 
 def replay(
-    recording: str,
+    recording: str | Recording,
     solver: finding.Solver,
     windows: Sequence[tuple[float, float]] = (),
     stride: float | None = None,
@@ -77,11 +88,12 @@ def replay(
     seed: int = 0,
     epoch_timeout_s: float | None = None,
     progress: Callable[[float, float, str], None] | None = None,
+    smooth: bool = False,
 ) -> Replay:
     """Play a solver on windows of a recording.
 
     Args:
-        recording: path of the recording, or of its mapping.
+        recording: path of the recording, or of its mapping; or a recording.
         solver: a name, ``module:Factory``, or a class or function.
         windows: pairs (start, length) in s, all of one length; none is one window over the whole recording.
         stride: step in s from one window to the next; a single window is then repeated as often as fits.
@@ -90,9 +102,10 @@ def replay(
         seed: seed of the solver's random numbers.
         epoch_timeout_s: longest time of one call of the solver, s, as in ``evaluate``.
         progress: function called with the seconds done, their total, and a note.
+        smooth: whether the states are those of the solver's smoother, from all fixes of a window.
 
     Raises:
-        ValueError, FileNotFoundError: names, windows or settings that do not fit.
+        ValueError, FileNotFoundError: names, windows or settings that do not fit, or a solver that has no smoother.
         EstimatorError: the solver raised, took too long or ended its process.
     """
     if len({length for _, length in windows}) > 1:
@@ -112,29 +125,36 @@ def replay(
                     progress(before + part, total, note)
 
             host.renew()
-            played.append(_play(one, host, seed, report))
+            if smooth:
+                guard = host.smoother(one.num_envs)
+                played.append(_smoothed(_play(one, guard, seed, report), guard, public))
+            else:
+                played.append(_play(one, host.guard(one.num_envs), seed, report))
             done += public.duration_s * one.num_envs
             one.close()
-    actions, fixes, errors, truth = (np.concatenate([part[i] for part in played]) for i in range(4))
-    recording_ = made[0].unwrapped.episode.world.recording
+    actions, fixes, errors, truth = (np.concatenate(part) for part in list(zip(*played, strict=True))[:4])
+    world = made[0].unwrapped.episode.world
     starts = np.concatenate([one.unwrapped.episode.world.windows.starts for one in made])
     t = (1 + np.arange(public.num_epochs)) * public.epoch_s
     fine = t > public.coarse_s + 1e-9
     states = (actions[..., :4], actions[..., 7:], fixes, errors[..., FIX["dv"]], errors[..., FIX["dp"]])
+    more = (actions[..., 4:7], tuple(world.gps.outages_s), public.gps)
     return Replay(
-        recording_.name,
+        world.recording.name,
         finding.solver_name(solver),
         starts,
         t,
         public.coarse_s,
         _angles(actions[..., :4]),
-        _angles(truth) if recording_.reference is not None else None,
-        tuple(why for part in played for why in part[4]),
-        Track(recording_, starts, t, fine, *states) if public.navigate else None,
+        _angles(truth[..., :4]) if world.recording.reference is not None else None,
+        tuple(why for part in played for why in part.failed),
+        Track(world.recording, starts, t, fine, *states, *more) if public.navigate else None,
+        Told.joined([part.told for part in played]),
+        world.recording,
     )
 
 
-def _make(recording: str, settings: Mapping[str, Any], stride: float | None, batched: bool) -> list[Any]:
+def _make(recording: str | Recording, settings: Mapping[str, Any], stride: float | None, batched: bool) -> list[Any]:
     """Make one vector environment of all windows, or for a solver that is not batched one of each."""
 
     def make(count: int, **more: Any) -> Any:
@@ -149,29 +169,34 @@ def _make(recording: str, settings: Mapping[str, Any], stride: float | None, bat
     return [make(1, reveal_truth=scored, window=[float(start), length]) for start in starts]
 
 
-def _play(
-    env: Any, host: Host, seed: int, report: Callable[[float, str], None]
-) -> tuple[Array, Array, Array, Array, list[str]]:
-    """Play the windows of an environment.
+class _Played(NamedTuple):
+    """What the windows of an environment gave. Unknown values are NaN."""
 
-    Returns:
-        actions (W, K, 4) or (W, K, 10), positions of the fixes (W, K, 3), errors of velocity and position (W, K, 6),
-        attitudes of the reference (W, K, 4), and the reason why each window failed. Unknown values are NaN.
-    """
+    actions: Array  #: (W, K, 4) or (W, K, 10)
+    fixes: Array  #: (W, K, 3), positions of the fixes
+    errors: Array  #: (W, K, 6), errors of velocity and position
+    truth: Array  #: (W, K, 10), attitude, velocity and position of the reference
+    failed: list[str]  #: reason why each window failed; empty if it did not
+    told: Told
+
+
+def _play(env: Any, guard: Guarded, seed: int, report: Callable[[float, str], None]) -> _Played:
+    """Play the windows of an environment."""
     count, task, scored = env.num_envs, env.unwrapped.task, is_scored(env)
     obs, _ = env.reset(seed=seed, options={"window": list(range(count))})
     rngs = [np.random.default_rng([seed, row]) for row in range(count)]
-    loop = Loop(env, host.guard(count), obs, rngs)
+    loop, told = Loop(env, guard, obs, rngs), Told(count, task.num_epochs, task.navigate)
     actions = np.empty((count, task.num_epochs, env.single_action_space.shape[0]))
-    fixes, errors, truth = (np.full((count, task.num_epochs, n), np.nan) for n in (3, 6, 4))
+    fixes, errors, truth = (np.full((count, task.num_epochs, n), np.nan) for n in (3, 6, 10))
     bad = np.zeros(count, dtype=np.int64)
     while loop.left:
         k = loop.k
         fixes[:, k] = np.where(loop.obs["gps_valid"] == 1, loop.obs["gps_pos"], np.nan)
         _, actions[:, k], info, _, _ = next(loop)
+        told.ask(k, guard)
         bad += info["failed"]
         if scored:
-            truth[:, k] = info["truth"]["q_nb"]
+            truth[:, k] = np.concatenate([info["truth"][name] for name in NavState._fields], axis=1)
         if scored and task.navigate:
             errors[:, k] = np.concatenate([info["errors"]["vel"], info["errors"]["pos"]], axis=1)
         if k % 10 == 9:
@@ -186,7 +211,31 @@ def _play(
         else ""
         for i in range(count)
     ]
-    return actions, fixes, errors, truth, why
+    return _Played(actions, fixes, errors, truth, why, told)
+
+
+def _smoothed(played: _Played, guard: Guard, task: Task) -> _Played:
+    """Return the windows with the smoothed states in place of the filter's; epochs before them are NaN."""
+    track, told = guard.smoothed(), played.told
+    first = task.num_epochs - len(track.t)
+    actions, errors = np.full_like(played.actions, np.nan), np.full_like(played.errors, np.nan)
+    states = track.nav if task.navigate else track.nav[:1]
+    actions[:, first:] = np.moveaxis(np.concatenate(states, axis=-1), 0, 1)
+    places = track.states.places(told.layout)
+    told.cov[:] = np.nan
+    told.cov[:, first:] = np.moveaxis(track.cov, 0, 1)[..., places[:, None], places]
+    std = np.sqrt(np.diagonal(np.moveaxis(track.cov, 0, 1), axis1=-2, axis2=-1))
+    for name in told.constants:  # parameters of aids are not smoothed
+        told.values[name][:] = told.values[f"{name}{SIGMA}"][:] = np.nan
+        if (value := getattr(track, name, None)) is not None:
+            told.put(name, slice(first, None), np.moveaxis(value, 0, 1))
+            told.put(f"{name}{SIGMA}", slice(first, None), std[..., track.states[name]])
+    if task.navigate and np.isfinite(played.truth).any():
+        rows = actions[:, first:].reshape(-1, 10)
+        truth = played.truth[:, first:].reshape(-1, 10)
+        found, _, _ = score_navigation(rows, NavState(*np.split(truth, [4, 7], axis=1)), earth.get(task.site.earth))
+        errors[:, first:] = np.concatenate([found["vel"], found["pos"]], axis=1).reshape(errors[:, first:].shape)
+    return played._replace(actions=actions, errors=errors)
 
 
 def _angles(q: Array) -> Array:

@@ -7,15 +7,27 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
 from sins_env.evaluation.play.one_run import Course
 from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.recordings import Recording, reference_at
+from sins_env.specs import GpsSpec
 from sins_env.states import NAVIGATION
+
+
+class Withheld(NamedTuple):
+    """Fixes that a solver did not get, and how far its antenna was from them."""
+
+    t: Array  #: (F,) s in the window
+    residual: Array  #: (F, 3) estimate minus fix E, N, U, m
+    epoch: NDArray[np.int64]  #: (F,) index of the nearest epoch
+    outage: NDArray[np.int64]  #: (F,) number of the outage
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,6 +43,9 @@ class Track:
     fixes: Array  #: (W, K, 3) position fixes of the antenna; NaN at epochs without one
     vel_error: Array  #: (W, K, 3) error of velocity E, N, U, m/s
     pos_error: Array  #: (W, K, 3) error of position E, N, U, m
+    vel: Array  #: (W, K, 3) estimated velocity E, N, U, m/s
+    outages_s: tuple[tuple[float, float], ...]  #: spans of a window, s, whose fixes were withheld
+    gps: GpsSpec  #: told noise of the fixes
 
     def __repr__(self) -> str:
         return f"<Track on {self.recording.name}: {len(self.starts)} windows of {self.t[-1]:g} s>"
@@ -44,6 +59,23 @@ class Track:
             self.pos[window, self.fine],
         )
         return t - self.starts[window], error
+
+    def withheld(self, window: int) -> Withheld:
+        """Return how far the antenna was from the fixes that were withheld."""
+        recording, start = self.recording, self.starts[window]
+        if recording.gnss is None:
+            return Withheld(np.empty(0), np.empty((0, 3)), *np.empty((2, 0), dtype=np.int64))
+        t = recording.gnss.t_s - start
+        number = np.full(len(t), -1)
+        for i, (first, last) in enumerate(self.outages_s):
+            number[(t > first) & (t <= min(last, self.t[-1]))] = i
+        here = np.flatnonzero(number >= 0)
+        k = np.abs(self.t[:, None] - t[here]).argmin(axis=0)
+        moved = self.vel[window, k] * (t[here] - self.t[k])[:, None]
+        if recording.lever_arm is not None:
+            moved = moved + attitude.to_dcm(self.q_nb[window, k]) @ recording.lever_arm
+        off = earth.offset(earth.get(recording.site.earth), recording.gnss.pos[here], self.pos[window, k])
+        return Withheld(t[here], off + moved, k, number[here])
 
     def scores(self, window: int) -> dict[str, tuple[float, float]]:
         """Return the horizontal and vertical RMS over the fine phase of velocity, position and displacement.

@@ -1,7 +1,12 @@
-"""The figure of a replay that navigates: the ground track, and the errors of heading, velocity and position."""
+"""The figure of a replay that navigates: the ground track, and the errors of heading, velocity and position.
+
+Without a reference the panels of errors have what the solver says against itself: the sigma of the heading, innovations of the
+fixes in their band of 2 sigma, residuals to withheld fixes, and the mean NIS in windows with its chi-square band.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,9 +14,11 @@ import numpy as np
 from sins_env import earth
 from sins_env.arrays import Array
 from sins_env.evaluation.replay.angles_figure import REFERENCE, colours, window_label, windows_text
+from sins_env.evaluation.replay.consistency import Consistency, judge
 from sins_env.evaluation.replay.replaying import Replay
 from sins_env.evaluation.replay.track import Track
-from sins_env.evaluation.show.style import new_figure
+from sins_env.evaluation.show.style import COLOURS, finish, new_figure
+from sins_env.states import FIX, NAVIGATION
 
 if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
     from matplotlib.axes import Axes
@@ -33,10 +40,16 @@ def track_figure(one: Replay) -> Figure:
     panels += [out.add_subplot(grid[i, 1], sharex=panels[0]) for i in (1, 2, 3)]
     _draw_way(way, one, track)
     _draw_heading(panels[0], one)
+    judged = [judge(one, i) for i in range(len(one.starts))] if one.told is not None else []
     errors = [[(one.t, part[i]) for i in range(len(one.starts))] for part in (track.vel_error, track.pos_error)]
     errors.append([track.displacement_errors(i) for i in range(len(one.starts))])
     for axes, (name, unit), courses in zip(panels[1:], _KINDS, errors, strict=True):
-        _draw_errors(axes, one, name, unit, courses)
+        if any(np.isfinite(error).any() for _, error in courses) or not judged:
+            _draw_errors(axes, one, name, unit, courses)
+        elif name == "displacement error":
+            _draw_means(axes, judged)
+        else:
+            _draw_innovations(axes, one, name.removesuffix(" error"), unit)
     for axes in panels:
         axes.set_xlim(0, one.t[-1])
         axes.grid(alpha=0.35, linewidth=0.6)
@@ -76,7 +89,7 @@ def _draw_way(axes: Axes, one: Replay, track: Track) -> None:
 
 def _draw_heading(axes: Axes, one: Replay) -> None:
     if one.reference is None:
-        axes.set_title("no reference: heading cannot be scored", fontsize=10, loc="left")
+        _draw_sigma(axes, one)
         return
     error = np.degrees(one.scatter[..., 0])
     for i, colour in enumerate(colours(len(one.starts))):
@@ -88,6 +101,76 @@ def _draw_heading(axes: Axes, one: Replay) -> None:
     rms = np.degrees(np.sqrt(np.nanmean(np.square(one.scatter[:, -1, 0]))))
     axes.set_title(f"heading error   at the end {rms:.3f} deg{' RMS' * (len(error) > 1)}", fontsize=10, loc="left")
     axes.set_ylabel("deg")
+
+
+def _draw_sigma(axes: Axes, one: Replay) -> None:
+    """Draw the sigma of the heading that the solver tells."""
+    if one.told is None or not np.isfinite(one.told.cov).any():
+        axes.set_title("no reference, and the solver tells no covariance", fontsize=10, loc="left")
+        return
+    up = NAVIGATION["phi"].stop - 1
+    sigma = np.degrees(np.sqrt(np.abs(one.told.cov[:, :, up, up])))
+    for line, colour in zip(sigma, colours(len(sigma)), strict=True):
+        axes.plot(one.t, line, color=colour, linewidth=1.3)
+        axes.fill_between(one.t, 0.1 * float(np.nanmin(sigma)), line, color=colour, alpha=0.12, linewidth=0)
+    finish(axes, f"sigma of the heading   at the end {sigma[:, -1].max():.3g} deg", yscale="log", ylabel="deg")
+    axes.set_ylim(0.5 * float(np.nanmin(sigma)))
+
+
+def _draw_innovations(axes: Axes, one: Replay, name: str, unit: str) -> None:
+    """Draw the innovations of the fixes with their 2 sigma, and residuals to withheld fixes."""
+    told, track = one.told, one.track
+    assert told is not None
+    assert track is not None
+    here, most = FIX["dv" if name == "velocity" else "dp"], 0.0
+    for i in range(len(one.starts)):
+        nu, S = told.value("gps_residual", i, FIX.size)[:, here], told.value("gps_covariance", i, FIX.size, FIX.size)
+        seen = np.isfinite(nu).all(axis=-1)
+        if not seen.any():
+            continue
+        t, two = one.t[seen], 2 * np.sqrt(np.abs(np.diagonal(S[seen][:, here, here], axis1=-2, axis2=-1)))
+        for j, (axis, colour) in enumerate(zip(("east", "north", "up"), COLOURS, strict=False)):
+            axes.plot(t, nu[seen, j], ".", color=colour, markersize=3, label=axis if i == 0 else None)
+        tube, gap = two.max(axis=1), np.diff(t, prepend=t[0]) > 3.5 * np.median(np.diff(t)) if len(t) > 1 else t < t
+        for part in np.split(np.arange(len(t)), np.flatnonzero(gap)):
+            axes.fill_between(t[part], -tube[part], tube[part], color="0.5", alpha=0.18, linewidth=0)
+        most = max(most, float(np.percentile(two, 90)), float(np.percentile(np.abs(nu[seen]), 99)))
+    if most == 0.0:
+        axes.set_title(f"{name}: no innovations are told", fontsize=10, loc="left")
+        return
+    text = f"innovations of {name}, and their 2 sigma"
+    if name == "position" and track.outages_s:
+        text += "; x: withheld fixes"
+        for i in range(len(one.starts)):
+            held = track.withheld(i)
+            axes.plot(held.t, held.residual, "x", color=_FIX, markersize=5)
+            most = max(most, float(np.abs(held.residual).max(initial=0.0)))
+    axes.axhline(0.0, color=REFERENCE, linewidth=0.8)
+    axes.set_ylim(-1.3 * most, 1.3 * most)
+    axes.set_ylabel(unit)
+    axes.set_title(text, fontsize=10, loc="left")
+    axes.legend(fontsize=8, loc="upper right", ncols=3, framealpha=0.85, edgecolor="none")
+
+
+def _draw_means(axes: Axes, judged: Sequence[Consistency]) -> None:
+    """Draw the mean NIS in windows, over its expectation, with the band that a true model keeps."""
+    drawn = False
+    for one in judged:
+        for (name, means), colour in zip(one.means.items(), COLOURS, strict=False):
+            if not len(means.value):
+                continue
+            edges = np.append(means.begin, means.end[-1])
+            label = name if not drawn or len(judged) == 1 else None
+            axes.stairs(means.value, edges, color=colour, linewidth=1.5, label=label, baseline=None)
+            if not drawn:
+                axes.stairs(means.high, edges, baseline=means.low, fill=True, color="0.5", alpha=0.18, linewidth=0)
+            drawn = True
+    if not drawn:
+        axes.set_title("too few innovations once the heading is known", fontsize=10, loc="left")
+        return
+    finish(axes, "mean NIS in windows, 1 expected, and its band", yscale="log", ylabel="NIS / components")
+    axes.axhline(1.0, color=REFERENCE, linewidth=0.8)
+    axes.legend(frameon=False, fontsize=8, loc="upper left", ncols=2)
 
 
 def _draw_errors(axes: Axes, one: Replay, name: str, unit: str, courses: list[tuple[Array, Array]]) -> None:

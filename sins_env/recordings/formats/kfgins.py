@@ -140,7 +140,7 @@ def save(recording: Recording, path: Path) -> list[Path]:
         files.append((fixes, *_gnss_rows(recording.gnss)))
     if recording.reference is not None:
         mapping["reference"] = truth.name
-        files.append((truth, *_truth_rows(recording.reference, recording.site.pos)))
+        files.append((truth, *truth_rows(recording.reference, recording.site.pos)))
     return write_files(files, path.with_suffix(".json"), mapping)
 
 
@@ -159,7 +159,7 @@ def _gnss_rows(gnss: Gnss) -> tuple[str, Array]:
     return "%.9f" + place + " %r" * 3 + std * 2, np.column_stack(columns)
 
 
-def _truth_rows(ref: Reference, parked: Array) -> tuple[str, Array]:
+def truth_rows(ref: Reference, parked: Array) -> tuple[str, Array]:
     """Return format and rows of the truth; a reference without velocity and position stands still at its site."""
     count = len(ref.t_s)
     heading, pitch, roll = np.degrees(heading_pitch_roll(ref.q_nb)).T

@@ -137,9 +137,10 @@ class Joined:
 
 
 def fits(innovation: Innovation, rows: Mapping[str, slice]) -> dict[str, Array]:
-    """Return residual and normalised innovation squared of each aid: ``<aid>_residual`` (..., m) and ``<aid>_nis`` (...).
+    """Return what the innovation of each aid was.
 
-    Missing components do not count; an aid without any has NaN.
+    These are ``<aid>_residual`` (..., m), its covariance ``<aid>_covariance`` (..., m, m), and ``<aid>_nis`` (...), the
+    normalised square. Missing components do not count; an aid without any has NaN.
     """
     found: dict[str, Array] = {}
     for name, here in rows.items():
@@ -149,6 +150,7 @@ def fits(innovation: Innovation, rows: Mapping[str, slice]) -> dict[str, Array]:
         known = np.where(gone, 0.0, nu)
         nis = np.sum(known * np.linalg.solve(S, known[..., None])[..., 0], axis=-1)
         found[f"{name}_residual"], found[f"{name}_nis"] = nu, np.where(gone.all(axis=-1), math.nan, nis)
+        found[f"{name}_covariance"] = innovation.cov[..., here, here]
     return found
 
 

@@ -27,7 +27,7 @@ from solvers.pipeline.bank.models import Models, propagate
 from solvers.pipeline.bank.settings import BankSettings
 from solvers.pipeline.bank.slices import Frame, Reading, Slices, join, normalised, replaced, sum_by_run, taken
 from solvers.pipeline.errors.invariant import Invariant, Seen
-from solvers.pipeline.errors.model import Parameter
+from solvers.pipeline.errors.model import Parameter, told
 from solvers.pipeline.errors.navigation import NavigationErrors
 from solvers.pipeline.rewind import Samples
 from solvers.pipeline.strapdown import EpochMotion, Strapdown, StrapdownState, carried_sample
@@ -352,16 +352,31 @@ class Episode:
         places = ERRORS.places(reported)
         P = np.tile(told.P0[np.ix_(places, places)], (self._runs, 1, 1))
         if self.slices is not None and len(self.slices.run):
-            s = self.slices
-            view = self._frame.view(s, self._runs)
-            runs = np.flatnonzero(view.top >= 0)
-            xi = self._frame.gaussian(s, view, self._runs)
-            x = self._coordinates.gaussian(
-                Gaussian(xi.mean[runs], xi.cov[runs]), NavState(*(part[view.top[runs]] for part in s.ins.nav))
-            )
+            runs, _, x = self._errors_of_best(self.slices)
             here = self._errors.states.span(*reported.names)
             P[runs] = feedback.corrected_covariance(x.mean[..., self._phi], x.cov[..., here, here])
         return P[0] if self._single else P
+
+    def _errors_of_best(self, s: Slices) -> tuple[NDArray[np.int64], NDArray[np.int64], Gaussian]:
+        """Return the runs that have slices, the best slice of each, and the Gaussian of the errors of its INS."""
+        view = self._frame.view(s, self._runs)
+        runs = np.flatnonzero(view.top >= 0)
+        top, xi = view.top[runs], self._frame.gaussian(s, view, self._runs)
+        nav = NavState(*(part[top] for part in s.ins.nav))
+        return runs, top, self._coordinates.gaussian(Gaussian(xi.mean[runs], xi.cov[runs]), nav)
+
+    def _constants(self, s: Slices) -> dict[str, Array]:
+        """Return biases and parameters of aids, each with its standard deviation; NaN in runs without slices."""
+        runs, top, x = self._errors_of_best(s)
+        states, first = self._errors.states.without(OFFSET), self._frame.moving
+        fed = {
+            name: s.bias[top, states[name].start - first : states[name].stop - first]
+            for name in states.without(*answered(self.task.navigate).names, *FIX.names).names
+        }
+        found = told(states, fed, x.mean, x.cov)
+        return {
+            name: replaced(np.full((self._runs, value.shape[-1]), np.nan), runs, value) for name, value in found.items()
+        }
 
     def health(self) -> Health:
         """Return which runs were lost, and when."""
@@ -372,8 +387,10 @@ class Episode:
     def diagnostics(self) -> dict[str, Array]:
         """Return weights and headings of the slices, and probabilities of models and regimes, of each run.
 
-        After an epoch with a fix or reading, ``<aid>_residual`` (..., m) is the INS minus the reading less its prediction in the
-        best slice, and ``<aid>_nis`` (...) its normalised square; NaN without one.
+        Beside them are the biases ``gyro_bias`` (..., 3) rad/s and ``accel_bias`` (..., 3) m/s^2 and the parameters of aids in SI
+        units, each with ``<name>_sigma``. After an epoch with a fix or reading, ``<aid>_residual`` (..., m) is the INS minus the
+        reading less its prediction in the best slice, ``<aid>_covariance`` (..., m, m) its covariance, and ``<aid>_nis`` (...)
+        its normalised square; NaN without one.
 
         ``doubt`` is the share of epochs so far in which the told noise was less likely than all other hypotheses together. The
         answer then rests on these. It is near zero if the task tells the truth, and a warning else.
@@ -396,6 +413,8 @@ class Episode:
             "model_probabilities": sum_by_run(s.weight, s.run, runs),
             "regime_probabilities": sum_by_run((s.weight[..., None] * s.regimes).sum(axis=1), s.run, runs),
         }
+        if len(s.run):
+            found |= self._constants(s)
         for rows, reading in self._read:
             found |= fits(self._frame.innovation(reading, runs), rows)
         return {name: value[0] for name, value in found.items()} if self._single else found

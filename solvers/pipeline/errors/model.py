@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
@@ -20,7 +20,7 @@ import numpy as np
 from sins_env.arrays import Array
 from sins_env.earth import Earth
 from sins_env.prior import Prior
-from sins_env.states import ERRORS, Block, Layout
+from sins_env.states import ERRORS, NAVIGATION, Block, Layout
 from sins_env.types import NavState
 from sins_env.units import DEG_PER_H, G0
 from solvers.pipeline.strapdown import EpochMotion
@@ -109,3 +109,16 @@ class ErrorModel(ABC):
         for p, one in zip(self.parameters, std, strict=True):
             own[..., self.states[p.name], self.states[p.name]] = np.eye(p.size) * (one / p.si) ** 2
         return own
+
+
+def told(states: Layout, fed: Mapping[str, Array], errors: Array, P: Array) -> dict[str, Array]:
+    """Return biases and parameters of aids by name, in SI units, and the standard deviation of each as ``<name>_sigma``.
+
+    Each is what was fed back so far, ``fed``, and the error (..., n) that is estimated of the rest, with covariance P (..., n, n).
+    """
+    found: dict[str, Array] = {}
+    for name in states.without(*NAVIGATION.names).names:
+        here = states[name]
+        found[name] = fed.get(name, 0.0) + states.si[here] * errors[..., here]
+        found[f"{name}_sigma"] = states.si[here] * np.sqrt(np.diagonal(P[..., here, here], axis1=-2, axis2=-1))
+    return found

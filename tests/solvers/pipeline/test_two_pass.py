@@ -143,7 +143,8 @@ def test_the_first_pass_is_the_ckf_and_the_second_leads_to_its_estimate():
     near = b.nominal[:, PHI] - end[:, PHI]  # an epoch later
     assert np.abs(near).max() < 2 * ARCSEC
     assert np.isfinite(estimator.covariance()).all()
-    assert set(estimator.diagnostics()) == {"gps_nis", "gps_residual"}
+    biases = {"gyro_bias", "gyro_bias_sigma", "accel_bias", "accel_bias_sigma"}
+    assert set(estimator.diagnostics()) == {"gps_nis", "gps_residual", "gps_covariance", *biases}
 
 
 def test_a_batch_is_its_runs():
