@@ -28,7 +28,12 @@ LAYERS = (
     ("sins_env.evaluation.score",),
     ("sins_env.evaluation.show", "sins_env.evaluation.contract", "sins_env.evaluation.monte_carlo"),
     ("sins_env.evaluation.store", "sins_env.evaluation.replay", "sins_env.evaluation.planning"),
-    ("sins_env.evaluation.report", "sins_env.evaluation.reproduction", "sins_env.evaluation.contest"),
+    (
+        "sins_env.evaluation.report",
+        "sins_env.evaluation.reproduction",
+        "sins_env.evaluation.contest",
+        "sins_env.evaluation.solution",
+    ),
     ("sins_env.evaluation",),
     ("sins_env.cli",),
     ("sins_env",),

@@ -6,21 +6,34 @@ import importlib
 import os
 import sys
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
+from rich.table import Table
 
 from sins_env.checks import unknown
 from sins_env.cli.arguments import WrongUse
 from sins_env.cli.grammar import parser
 from sins_env.cli.interrupts import INTERRUPTED, quiet
 from sins_env.cli.output import RunFailed, say
+from sins_env.cli.whole_tables import whole
 from sins_env.writing.plain import fit
 from sins_env.writing.visible import LAYOUT, visible
 
 
 class ShownConsole(Console):
-    """Console on which no text steers the terminal, wherever it comes from: only the console's own styles do."""
+    """Console on which no text steers the terminal, wherever it comes from: only the console's own styles do.
+
+    A table that is too wide is printed as several, one below the other.
+    """
+
+    def print(self, *objects: Any, **settings: Any) -> None:
+        tables = len(objects) == 1 and isinstance(objects[0], Table)
+        for part in whole(objects[0], self.width) if tables else ():
+            super().print(part, **settings)
+        if not tables:
+            super().print(*objects, **settings)
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError

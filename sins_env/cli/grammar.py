@@ -58,6 +58,10 @@ _MERGE_CODES = (
     "A run that several files have is there once. Exit code 1: runs of one key that differ, or a task with other criteria, "
     "definition, world or bound; each is named, and nothing is written. Other code and other versions of a task are told."
 )
+_SOLUTION_CODES = (
+    "The solution is held against itself: innovations, their correlation, and withheld fixes. What leaves its band is a warning "
+    'and "consistent": false in JSON, with exit code 0. Exit code 1: the solver raised or gave up.'
+)
 _TABLES = (
     "What is printed, ours with its 95 % interval, and a verdict. Runs are kept in DIR/results.sqlite and made once; an "
     "interrupted command goes on where it was."
@@ -90,6 +94,7 @@ def parser() -> Parser:
     _read_results(verb)
     _publish(verb)
     _hold_against(verb)
+    _solve(verb)
     return top
 
 
@@ -247,6 +252,7 @@ def _hold_against(verb: Verb) -> None:
     sub.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of solvers that draw (default 0)")
     _add_settings(sub)
     _add_timeout(sub)
+    _add_out(sub)
     sub.add_argument("--plot", metavar="FILE", help="draw heading, pitch, roll and their spread")
 
     sub = verb("convert", "verbs.recordings:convert", "a recording in another format", _FORMATS)
@@ -272,6 +278,49 @@ def _hold_against(verb: Verb) -> None:
 
     text = "compile the kernels beforehand, which otherwise happens when each is used first"
     verb("warm", "verbs.warm:warm", text)
+
+
+def _solve(verb: Verb) -> None:
+    """Add the verbs that make a solution of a recording."""
+    text = "a recording navigated: position, velocity, attitude and biases with their sigmas, as files"
+    sub = verb("navigate", "verbs.solutions:navigate", text, _SOLUTION_CODES)
+    _add_solution(sub)
+    text = "take every state from all fixes, by a smoother; the solver must have one, as inekf has"
+    sub.add_argument("--smooth", action="store_true", help=text)
+
+    text = "heading, pitch and roll of a base at rest with their sigmas, and how they converged"
+    _add_solution(verb("align", "verbs.solutions:align", text, _SOLUTION_CODES))
+
+
+def _add_solution(sub: argparse.ArgumentParser) -> None:
+    """Add the options of a verb that makes a solution."""
+    sub.add_argument("recording", metavar="FILE", help="of any format, or the mapping (.json) of one")
+    sub.add_argument("--solver", metavar="SOLVER", help=f"{_SOLVER} (default: the recommended one)")
+    text = "start and length, s on the recording's clock (default: all of it)"
+    sub.add_argument("--window", type=float, nargs=2, metavar=("START", "LENGTH"), help=text)
+    text = "coarse phase, at rest (default 0 with the recommended solver, else that of replay)"
+    sub.add_argument("--coarse", type=float, metavar="S", help=text)
+    sub.add_argument("--epoch", type=float, metavar="S", help="navigation epoch (default 0.1 s)")
+    _add_sensors(sub)
+    text = "withhold the fixes of these seconds of the window, and judge the solution by them; may be repeated"
+    _add_spans(sub, "--outage", ("START", "END"), text)
+    _add_accept(sub)
+    _add_out(sub)
+    sub.add_argument("--figure", metavar="FILE", help="draw track or angles, innovations in their band, and sigmas")
+    sub.add_argument("--json", action="store_true", help="the summary as JSON, with what was found")
+    sub.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of solvers that draw (default 0)")
+    _add_settings(sub)
+    _add_timeout(sub)
+
+
+def _add_out(sub: argparse.ArgumentParser) -> None:
+    """Add the options of files of a solution."""
+    text = "write the solution: .csv, .kml (map), .tum (evo), .nav (KF-GINS) or .npz; may be repeated"
+    sub.add_argument("--out", action="append", default=[], metavar="FILE", help=text)
+    text = "rate of the files, of the nearest epochs (default: every epoch)"
+    sub.add_argument("--rate", type=positive, metavar="HZ", help=text)
+    text = "enu (default), or ned: North-East-Down, with a Forward-Right-Down body"
+    sub.add_argument("--frame", default="enu", choices=("enu", "ned"), help=text)
 
 
 def _add_settings(sub: argparse.ArgumentParser) -> None:

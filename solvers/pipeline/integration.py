@@ -147,8 +147,8 @@ class Integration(ABC):
         These are the biases ``gyro_bias`` (..., 3) rad/s and ``accel_bias`` (..., 3) m/s^2 and the parameters of aids in SI units,
         each with ``<name>_sigma``. Biases in navigation axes are left out.
 
-        After an epoch with a fix or reading, ``<aid>_residual`` (..., m) is the INS minus the reading less its prediction,
-        ``<aid>_covariance`` (..., m, m) its covariance, and ``<aid>_nis`` (...) its normalised square; NaN without one.
+        After an epoch with a fix or reading, ``<aid>_residual`` (..., m) is the INS minus the reading less its prediction. Its
+        covariance is ``<aid>_covariance`` (..., m, m), and ``<aid>_nis`` (...) its normalised square; NaN without one.
         """
         if self.belief is None:
             return {}

@@ -11,11 +11,14 @@ from rich.console import Console
 from sins_env import recordings
 from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
 from sins_env.cli.verbs.sensors import sensor_settings
+from sins_env.cli.verbs.solutions import written
 from sins_env.evaluation.estimators.guard import EstimatorError, Refusal
 from sins_env.evaluation.play.progress import Bar
-from sins_env.evaluation.replay import replaying, tables
+from sins_env.evaluation.replay import consistency, replaying, tables
 from sins_env.evaluation.replay.angles_figure import replay_figure
 from sins_env.evaluation.replay.track_figure import track_figure
+from sins_env.evaluation.solution import files
+from sins_env.evaluation.solution.solution import Solution
 from sins_env.specs import imu_spec
 from sins_env.worlds.replay_settings import ReplaySettings
 
@@ -54,6 +57,10 @@ def replay(given: Namespace, console: Console) -> int:
         RunFailed: the estimator failed in a window.
     """
     check_plot(given.plot)
+    for path in given.out:
+        files.check(path, given.frame)
+    if given.out and (given.stride is not None or len(given.window) > 1):
+        raise ValueError("--out of several windows; allowed: a single window, --window START LENGTH without --stride")
     settings = {
         name: value
         for name, value in (("coarse", given.coarse), ("epoch", given.epoch), ("mode", given.mode))
@@ -84,6 +91,8 @@ def replay(given: Namespace, console: Console) -> int:
     north = recordings.north(recording, imu_spec(settings.get("imu", ReplaySettings.imu)))
     if not north.found:
         remark(f"no first heading: {north}")
+    for line in consistency.lines(one):
+        remark(f"warning: {line}")
     console.print(tables.table(one))
     if one.track is not None:
         console.print(tables.track_table(one, tables.MOST_ROWS))
@@ -92,4 +101,6 @@ def replay(given: Namespace, console: Console) -> int:
     for start, why in zip(one.starts, one.failed, strict=True):
         if why:
             raise RunFailed(f"{given.solver} on {one.recording}, window from {recordings.seconds(start)} s: {why}")
+    if given.out:
+        written(Solution.of(one), given)
     return 0

@@ -9,8 +9,10 @@ import numpy as np
 from sins_env import attitude
 from sins_env.arrays import Array
 from sins_env.evaluation.replay.replaying import ANGLES, Replay, mean_angle
+from sins_env.evaluation.replay.told import sigma_of_angles
 from sins_env.evaluation.show.style import new_figure
 from sins_env.recordings import seconds
+from sins_env.states import ATTITUDE
 
 if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
     from matplotlib.axes import Axes
@@ -67,6 +69,11 @@ def _draw_angle(axes: Axes, one: Replay, j: int, name: str) -> None:
         axes.plot(one.t, broken, color=colour, linewidth=1.0, alpha=0.8, label=label)
         if i in good:
             shown.append(line[fine])
+        if one.told is not None and len(one.starts) == 1:
+            two = 2 * np.degrees(
+                sigma_of_angles(one.angles[i], one.told.cov[i][:, ATTITUDE["phi"], ATTITUDE["phi"]])[:, j]
+            )
+            axes.fill_between(one.t, line - two, line + two, color=colour, alpha=0.15, linewidth=0, label="2 sigma")
         if one.reference is not None:
             label = "reference" if i == 0 else None
             line = degrees(one.reference[i, :, j])

@@ -86,7 +86,7 @@ class Consistency:
     t: Array  #: (F,) times of the fixes that were judged, s in the window
     normalised: dict[str, Array]  #: (F, 3) innovations of "velocity" and "position" over their sigma; NaN where missing
     means: dict[str, Means]  #: mean NIS of "velocity" and "position"
-    correlation: dict[str, float]  #: of neighbouring innovations
+    correlation: dict[str, float]  #: correlation of neighbouring innovations
     withheld: tuple[
         tuple[float, float], ...
     ]  #: RMS residual to withheld fixes of each outage, horizontal and vertical, m

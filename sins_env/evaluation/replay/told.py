@@ -102,3 +102,20 @@ def wanted(found: Mapping[str, Array]) -> list[str]:
     ends = (RESIDUAL, COVARIANCE, NIS)
     pairs = [name for name in found if f"{name}{SIGMA}" in found or name.removesuffix(SIGMA) in found.keys() - {name}]
     return [name for name in found if name.endswith(ends) or name == DOUBT or name in pairs]
+
+
+def sigma_of_angles(angles: Array, cov: Array) -> Array:
+    """Return the standard deviations (K, 3) of heading, pitch, roll from the covariance (K, 3, 3) of phi E, N, U, rad.
+
+    To first order phi = -dh U + dp r + dr f, with r the level axis to the right and f the forward axis.
+    """
+    h, p = angles[:, 0], angles[:, 1]
+    zero, one = np.zeros_like(h), np.ones_like(h)
+    up = np.stack([zero, zero, one], axis=-1)
+    right = np.stack([np.cos(h), -np.sin(h), zero], axis=-1)
+    forward = np.stack([np.sin(h) * np.cos(p), np.cos(h) * np.cos(p), np.sin(p)], axis=-1)
+    M = np.stack([-up, right, forward], axis=-1)
+    known = np.isfinite(M).all(axis=(-2, -1)) & (np.abs(np.cos(p)) > 1e-6)
+    J = np.linalg.inv(np.where(known[:, None, None], M, np.eye(3)))
+    P = J @ cov @ J.mT
+    return np.where(known[:, None], np.sqrt(np.abs(np.diagonal(P, axis1=-2, axis2=-1))), np.nan)

@@ -1,7 +1,8 @@
 """The figure of a replay that navigates: the ground track, and the errors of heading, velocity and position.
 
-Without a reference the panels of errors have what the solver says against itself: the sigma of the heading, innovations of the
-fixes in their band of 2 sigma, residuals to withheld fixes, and the mean NIS in windows with its chi-square band.
+Without a reference the panels of errors have what the solver says against itself. These are the sigma of the heading, and the
+innovations of the fixes in their band of 2 sigma, with residuals to withheld fixes. The last panel has the mean NIS in windows
+and its chi-square band.
 """
 
 from __future__ import annotations

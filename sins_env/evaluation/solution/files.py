@@ -35,24 +35,29 @@ def save(
         ValueError: an unknown ending, frame or rate, or a frame that the format does not have.
         OSError: a file that cannot be written.
     """
-    name = format_of(path) if kind is None else checks.choice("solution format", kind, FORMATS)
-    checks.choice("frame", frame, FRAMES)
-    if frame != "enu" and name in ONE_FRAME:
-        raise ValueError(f"frame {frame!r} of a .{name} file; allowed: none, the format has its own frame")
+    name = check(path, frame) if kind is None else checks.choice("solution format", kind, FORMATS)
+    _check_frame(name, frame)
     FORMATS[name](one.at_rate(rate_hz), path, frame)
 
 
-def format_of(path: str | Path) -> str:
-    """Return the format of a path by its ending.
+def _check_frame(kind: str, frame: str) -> None:
+    checks.choice("frame", frame, FRAMES)
+    if frame != "enu" and kind in ONE_FRAME:
+        raise ValueError(f"frame {frame!r} of a .{kind} file; allowed: none, the format has its own frame")
+
+
+def check(path: str | Path, frame: str = "enu") -> str:
+    """Return the format of a path by its ending, before anything is computed.
 
     Raises:
-        ValueError: an ending that is none of a solution's, or a directory that does not exist.
+        ValueError: an ending that is none of a solution's, a frame that it does not have, or a directory that does not exist.
     """
     ending = Path(path).suffix.lower().removeprefix(".")
     if ending not in FORMATS:
         raise ValueError(f"{path}: allowed: a file that ends in {', '.join(f'.{name}' for name in FORMATS)}")
     if not Path(path).resolve().parent.is_dir():
         raise ValueError(f"{path}: the directory does not exist")
+    _check_frame(ending, frame)
     return ending
 
 

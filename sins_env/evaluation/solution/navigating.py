@@ -44,7 +44,8 @@ def navigate(
         seed: seed of a solver that draws.
         epoch_timeout_s: longest time of one call of the solver, s, as in ``evaluate``.
         progress: function called with the seconds done, their total, and a note.
-        env: further keyword arguments of ``SINS/Replay-v0``, such as ``epoch``, ``coarse`` or ``accept``.
+        env: further keyword arguments of ``SINS/Replay-v0``, such as ``epoch``, ``coarse``, ``accept``, or ``mode="align"``,
+            which asks for the attitude alone.
 
     Raises:
         ValueError, FileNotFoundError: names, windows or settings that do not fit, or a solver that has no smoother.

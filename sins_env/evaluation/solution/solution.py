@@ -85,14 +85,14 @@ class Solution(Epochs):
         )
         return found
 
-    def _facts(self) -> dict[str, str]:
+    def facts(self) -> dict[str, str]:
         """Return what a reader wants to see first, by name."""
         (heading, pitch, roll), (s_h, s_p, s_r) = np.degrees(self.angles[-1]), np.degrees(self.sigma_attitude[-1])
         latitude, longitude = np.degrees(self.position[-1, :2])
         east, north, up = self.sigma_position[-1]
         one = self.consistency
         begin, end = (seconds(round(float(t), 6)) for t in self.time[[0, -1]])
-        return {
+        found = {
             "span": f"{begin} to {end} s, {len(self.time)} epochs",
             "heading": f"{heading:.3f} deg, sigma {s_h:.2g}",
             "pitch, roll": f"{pitch:.3f}, {roll:.3f} deg, sigma {s_p:.2g}, {s_r:.2g}",
@@ -101,9 +101,12 @@ class Solution(Epochs):
             "consistent": "yes" if one.consistent else f"no: {', '.join(found.name for found in one.warnings)}",
             "measured": one.summary,
         }
+        if self.replay.track is None:  # the place of an alignment is told
+            del found["position"], found["sigma E, N, U"]
+        return found
 
     def __repr__(self) -> str:
-        facts = self._facts()
+        facts = self.facts()
         how = ", smoothed" if self.smoothed else ""
         return (
             f"<Solution of {self.recording} by {self.solver}{how}: {facts['span']}; at the end heading {facts['heading']}; "
@@ -114,7 +117,7 @@ class Solution(Epochs):
         rows = [
             ("recording", self.recording),
             ("solver", self.solver + ", smoothed" * self.smoothed),
-            *self._facts().items(),
+            *self.facts().items(),
         ]
         cells = "".join(f"<tr><th>{html.escape(k)}</th><td>{html.escape(v)}</td></tr>" for k, v in rows)
         return f"<table>{cells}</table>"

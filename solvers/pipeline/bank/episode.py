@@ -389,7 +389,7 @@ class Episode:
 
         Beside them are the biases ``gyro_bias`` (..., 3) rad/s and ``accel_bias`` (..., 3) m/s^2 and the parameters of aids in SI
         units, each with ``<name>_sigma``. After an epoch with a fix or reading, ``<aid>_residual`` (..., m) is the INS minus the
-        reading less its prediction in the best slice, ``<aid>_covariance`` (..., m, m) its covariance, and ``<aid>_nis`` (...)
+        reading less its prediction in the best slice. Its covariance is ``<aid>_covariance`` (..., m, m), and ``<aid>_nis`` (...)
         its normalised square; NaN without one.
 
         ``doubt`` is the share of epochs so far in which the told noise was less likely than all other hypotheses together. The
