@@ -29,7 +29,7 @@ def whole(table: Table, width: int) -> list[Table]:
 
     first, *others = table.columns
     between = 3  # at most, from one column to the next
-    room = width - least(first) - between
+    room = width - least(first) - between - 1
     parts: list[list[Column]] = [[]]
     left = room
     for column in others:
