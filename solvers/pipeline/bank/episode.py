@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
-from sins_env.states import ERRORS, answered
+from sins_env.states import ERRORS, NAVIGATION, answered
 from sins_env.types import NavState, Observation, Task
 from solvers.blocks.conditioning import condition, log_likelihood
 from solvers.blocks.moments import correlated_moments
@@ -371,7 +371,7 @@ class Episode:
         states, first = self._errors.states.without(OFFSET), self._frame.moving
         fed = {
             name: s.bias[top, states[name].start - first : states[name].stop - first]
-            for name in states.without(*answered(self.task.navigate).names, *FIX.names).names
+            for name in states.without(*NAVIGATION.names).names
         }
         found = told(states, fed, x.mean, x.cov)
         return {
