@@ -168,7 +168,7 @@ class Fix:
         if not self.shown.names:
             raise ValueError("fixes without a velocity; allowed: in navigation, where the position is a state")
         places = FIX.places(self.shown)
-        self.rows = slice(int(places[0]), int(places[-1]) + 1)  #: of velocity and position
+        self.rows = slice(int(places[0]), int(places[-1]) + 1)  #: place among velocity and position
         self._seen, self._phi = states.span(*self.shown.names), states["phi"]
         self._H, self._states = np.eye(states.size)[self._seen], states
 
@@ -218,7 +218,7 @@ class Antenna:
     seen: slice  #: place of these states
     phi: slice
     arm: Array  #: (*batch, 2, 3), the vectors a of velocity and position
-    rows: slice  #: of those of velocity and position
+    rows: slice  #: place of H among velocity and position
 
     def __call__(self, x: Array) -> Array:
         return x[..., self.seen] + arm_error(x[..., self.phi], self.arm)[..., self.rows]

@@ -155,5 +155,7 @@ def fits(innovation: Innovation, rows: Mapping[str, slice]) -> dict[str, Array]:
 
 
 def decayed(parameters: Sequence[Parameter], own: Mapping[str, Array], epoch_s: float) -> dict[str, Array]:
-    """Return parameters that were fed back as they are expected an epoch later: what wanders tends to zero."""
-    return {p.name: own[p.name] * p.decay(epoch_s) for p in parameters if p.name in own}
+    """Return parameters that were fed back as they are expected an epoch later: what wanders tends to zero, a clock runs on."""
+    return {
+        p.name: own[p.name] if p.constant else own[p.name] @ p.carry(epoch_s).T for p in parameters if p.name in own
+    }

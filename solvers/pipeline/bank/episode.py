@@ -8,6 +8,7 @@ from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
@@ -56,8 +57,9 @@ class Episode:
         self._coordinates = Invariant(model, site, states)
         self._frame = Frame(model, self._coordinates, self._errors, own=self._offset.start)
         self._aid, self._aids = Gps(task, states), Aids(sensors(task, self._errors))
-        self._decay, self._rate_ie = self._errors.decay(task.epoch_s), earth.rate_n(model, task.site.latitude)
-        self._added = np.square([p.driven(task.epoch_s) / p.si for p in self._errors.parameters for _ in range(p.size)])
+        self._rate_ie, carry = earth.rate_n(model, task.site.latitude), self._errors.carry(task.epoch_s)
+        self._carry = None if carry is None else linalg.block_diag(np.eye(self._errors.core.size), carry)
+        self._added = self._errors.added(task.epoch_s)
         factors = settings.fix_factors
         self._models = Models(tuple((g, a) for g, a in settings.imu_factors), settings.fix_offsets)
         self._chain = self._models.chain(task.epoch_s)
@@ -222,11 +224,11 @@ class Episode:
         mixed = self._models.mix(s.weight, s.x, s.regimes, self._chain, self._offset)
         gyro = b.spread_noise(self._Q_gyro)  # the noise of the accelerometers stays as it is
         x = propagate(mixed.x, F, gyro, self._Q_accel, self._models.noise, self._frame.moving)
-        if self._decay is not None:  # what wanders, in the INS and in the models
-            own = slice(self._errors.core.size, None)
-            s = s._replace(bias=s.bias * self._decay[self._frame.moving : self._frame.own.stop])
-            x = Gaussian(x.mean * self._decay, x.cov * np.outer(self._decay, self._decay))
-            x.cov[..., own, own] += np.diag(self._added)
+        if self._carry is not None:  # what wanders, in the INS and in the models
+            own, fed = slice(self._errors.core.size, None), slice(self._frame.moving, self._frame.own.stop)
+            s = s._replace(bias=s.bias @ self._carry[fed, fed].T)
+            x = Gaussian(x.mean @ self._carry.T, self._carry @ x.cov @ self._carry.T)
+            x.cov[..., own, own] += self._added
         return s._replace(weight=mixed.weight, mean=x.mean, cov=x.cov, regimes=mixed.regimes)
 
     def _rest(self, s: Slices, dtheta: Array, still: NDArray[np.int64]) -> Slices:

@@ -45,7 +45,7 @@ from sins_env.kernels.algebra import (
 )
 from sins_env.states import Block, Layout
 from sins_env.types import NavState
-from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT, ErrorModel
+from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT, ErrorModel, carried
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Transition
 
@@ -114,13 +114,13 @@ def _advance(
 class AlignmentMap:
     """The map from ten errors x to those after the epoch, for (*batch, n) and, with sigma points, (*batch, points, n).
 
-    The parameters of aids, which follow the ten, are constant but for the factors ``decay`` (n,).
+    The parameters of aids, which follow the ten, go through an epoch by the matrix ``carry`` (k, k).
     """
 
     temporaries = 0  #: number of arrays of the size of x that a call makes beside its result
 
-    def __init__(self, motion: EpochMotion, exact: bool, body_biases: bool, decay: Array | None = None) -> None:
-        self._decay = decay
+    def __init__(self, motion: EpochMotion, exact: bool, body_biases: bool, carry: Array | None = None) -> None:
+        self._carry = carry
         self._ndim = motion.dvel_n.ndim
         C = motion.C if body_biases else np.eye(3)
         self._epoch = motion.dvel_n, motion.vel, C, motion.rate_ie, motion.rate_en, motion.transport, motion.dt, exact
@@ -129,7 +129,7 @@ class AlignmentMap:
         if x.ndim == self._ndim:
             return self(x[..., None, :])[..., 0, :]
         out: Array = _advance(x, *self._epoch)
-        return out if self._decay is None else out * self._decay
+        return carried(out, self._carry)
 
 
 @dataclass(frozen=True)
@@ -143,8 +143,8 @@ class AlignmentErrors(ErrorModel):
     fed = ("dv",)
 
     def transition(self, motion: EpochMotion, Q: Array) -> Transition:
-        decay = self.decay(motion.dt)
-        return Transition(AlignmentMap(motion, self.exact, self.body_biases, decay), Q, None, motion.dt)
+        carry = self.carry(motion.dt)
+        return Transition(AlignmentMap(motion, self.exact, self.body_biases, carry), Q, None, motion.dt)
 
     def corrected(self, model: Earth, nav: NavState, x: Array) -> NavState:
         q_nb, vel = _corrected(nav.q_nb, nav.vel, x)

@@ -202,8 +202,10 @@ class Growth(Tangent):
 
     def closed_form(self) -> tuple[float, Array]:
         F = self.after.growth(self.before, self.g.motion)
-        decay = self.g.decay  # of parameters, whose rows are those of the identity
-        return 0.0, F if decay is None else F * decay[:, None]
+        carry = self.g.carry
+        if carry is not None:  # the rows of parameters are those of the identity
+            F[..., -len(carry) :, -len(carry) :] = carry
+        return 0.0, F
 
 
 class Seen(Tangent):

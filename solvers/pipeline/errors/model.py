@@ -38,6 +38,11 @@ class Parameter(Block):
     time_constant_s: float = field(default=math.inf, kw_only=True)  #: correlation time; inf: a constant
     fed: bool = field(default=False, kw_only=True)  #: whether the aid takes the estimate over when it is fed back
 
+    @property
+    def constant(self) -> bool:
+        """Whether the states stay as they are."""
+        return math.isinf(self.time_constant_s)
+
     def decay(self, epoch_s: float) -> float:
         """Return the factor of an epoch."""
         return math.exp(-epoch_s / self.time_constant_s)
@@ -45,6 +50,18 @@ class Parameter(Block):
     def driven(self, epoch_s: float) -> float:
         """Return the standard deviation of what an epoch adds, in SI units."""
         return self.std * math.sqrt(-math.expm1(-2.0 * epoch_s / self.time_constant_s))
+
+    def carry(self, epoch_s: float) -> Array:
+        """Return the matrix (size, size) that takes the states through an epoch, the same in any unit."""
+        return self.decay(epoch_s) * np.eye(self.size)
+
+    def added(self, epoch_s: float) -> Array:
+        """Return the covariance (size, size) of what an epoch adds, in SI units squared."""
+        return self.driven(epoch_s) ** 2 * np.eye(self.size)
+
+    def start(self) -> Array:
+        """Return the covariance (size, size) at the start, in SI units squared."""
+        return self.std**2 * np.eye(self.size)
 
 
 @dataclass(frozen=True)
@@ -78,36 +95,48 @@ class ErrorModel(ABC):
 
     def prior(self, P0: Array, batch: tuple[int, ...]) -> Gaussian:
         """Return N(0, P0) for every run: (*batch, n), (*batch, n, n). P0 (..., 15, 15) is of ERRORS and may differ by run."""
-        own = self._told(P0, [p.std for p in self.parameters])
+        own = self._told(P0, [p.start() for p in self.parameters])
         return Gaussian(np.zeros((*batch, own.shape[-1])), np.broadcast_to(own, (*batch, *own.shape[-2:])).copy())
 
     def noise(self, prior: Prior) -> Array:
         """Return the told Q (n, n) of one epoch."""
-        return self._told(prior.Q, self._driven(prior.epoch_s))
+        return self._told(prior.Q, self._added(prior.epoch_s))
 
-    def _driven(self, epoch_s: float) -> list[float]:
-        return [p.driven(epoch_s) for p in self.parameters]
+    def _added(self, epoch_s: float) -> list[Array]:
+        return [p.added(epoch_s) for p in self.parameters]
 
-    def decay(self, epoch_s: float) -> Array | None:
-        """Return the factors (n,) of the states over an epoch beside the model; None if all parameters are constant."""
-        if all(math.isinf(p.time_constant_s) for p in self.parameters):
+    def carry(self, epoch_s: float) -> Array | None:
+        """Return the matrix (k, k) that takes the parameters through an epoch; None if all are constant."""
+        if all(p.constant for p in self.parameters):
             return None
-        return np.concatenate([np.ones(self.core.size), *(np.full(p.size, p.decay(epoch_s)) for p in self.parameters)])
+        return self._of_parameters([p.carry(epoch_s) for p in self.parameters])
+
+    def added(self, epoch_s: float) -> Array:
+        """Return the covariance (k, k) of what an epoch adds to the parameters, in their units."""
+        return self._of_parameters([p.added(epoch_s) / p.si**2 for p in self.parameters])
+
+    def _of_parameters(self, blocks: Sequence[Array]) -> Array:
+        """Return the matrix (k, k) with these blocks on its diagonal."""
+        own = np.zeros((self.states.size - self.core.size,) * 2)
+        for p, block in zip(self.parameters, blocks, strict=True):
+            here = slice(self.states[p.name].start - self.core.size, self.states[p.name].stop - self.core.size)
+            own[here, here] = block
+        return own
 
     @property
     def fed_parameters(self) -> tuple[str, ...]:
         """Names of the parameters that are fed back."""
         return tuple(p.name for p in self.parameters if p.fed)
 
-    def _told(self, full: Array, std: Sequence[float] | None = None) -> Array:
-        """Turn a covariance of ERRORS into one of the model's states; parameters have the deviations ``std`` (SI) or none."""
+    def _told(self, full: Array, blocks: Sequence[Array] | None = None) -> Array:
+        """Turn a covariance of ERRORS into one of the model's states; parameters have the ``blocks`` (SI) or none."""
         places, units = ERRORS.places(self.core), self.core.si
         n = self.states.size
         own = np.zeros((*full.shape[:-2], n, n))
         own[..., : len(places), : len(places)] = full[..., places[:, None], places] / np.outer(units, units)
-        std = [0.0] * len(self.parameters) if std is None else std
-        for p, one in zip(self.parameters, std, strict=True):
-            own[..., self.states[p.name], self.states[p.name]] = np.eye(p.size) * (one / p.si) ** 2
+        blocks = [np.zeros((p.size, p.size)) for p in self.parameters] if blocks is None else blocks
+        for p, block in zip(self.parameters, blocks, strict=True):
+            own[..., self.states[p.name], self.states[p.name]] = block / p.si**2
         return own
 
 
@@ -122,3 +151,10 @@ def told(states: Layout, fed: Mapping[str, Array], errors: Array, P: Array) -> d
         found[name] = fed.get(name, 0.0) + states.si[here] * errors[..., here]
         found[f"{name}_sigma"] = states.si[here] * np.sqrt(np.diagonal(P[..., here, here], axis1=-2, axis2=-1))
     return found
+
+
+def carried(x: Array, carry: Array | None) -> Array:
+    """Return x (..., n), in place, after the matrix ``carry`` (k, k) has taken the last k states through an epoch."""
+    if carry is not None:
+        x[..., -len(carry) :] = x[..., -len(carry) :] @ carry.T
+    return x

@@ -48,7 +48,7 @@ from sins_env.kernels.algebra import (
 from sins_env.prior import Prior
 from sins_env.states import ERRORS, Block, Layout
 from sins_env.types import NavState
-from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT, ErrorModel
+from solvers.pipeline.errors.model import ACCEL_UNIT, GYRO_UNIT, ErrorModel, carried
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Transition
 
@@ -126,14 +126,14 @@ def _advance(
 class NavigationMap:
     """The map from errors x to those after the epoch, for (*batch, n) and, with sigma points, (*batch, points, n).
 
-    The errors are fifteen, or twelve without position. The parameters of aids, which follow them, are constant
-    but for the factors ``decay`` (n,).
+    The errors are fifteen, or twelve without position. The parameters of aids, which follow them, go through
+    an epoch by the matrix ``carry`` (k, k); without one they are constant.
     """
 
     temporaries = 0  #: number of arrays of the size of x that a call makes beside its result
 
-    def __init__(self, motion: EpochMotion, states: Layout, decay: Array | None = None) -> None:
-        self.motion, self.decay = motion, decay
+    def __init__(self, motion: EpochMotion, states: Layout, carry: Array | None = None) -> None:
+        self.motion, self.carry = motion, carry
         self._ndim, self._position = motion.dvel_n.ndim, "dp" in states
 
     def __call__(self, x: Array) -> Array:
@@ -143,7 +143,7 @@ class NavigationMap:
         out: Array = _advance(
             x, m.C, m.dvel_n, m.vel, m.rate_ie, m.rate_en, m.transport, m.gravity_slope, m.dt, self._position
         )
-        return out if self.decay is None else out * self.decay
+        return carried(out, self.carry)
 
 
 @helper
@@ -236,10 +236,10 @@ class NavigationErrors(ErrorModel):
         Q, T, dv, dp = prior.Q.copy(), prior.epoch_s, ERRORS["dv"], ERRORS["dp"]
         Q[dv, dp] = Q[dp, dv] = 0.5 * T * prior.Q[dv, dv]
         Q[dp, dp] = T * T / 3 * prior.Q[dv, dv]
-        return self._told(Q, self._driven(T))
+        return self._told(Q, self._added(T))
 
     def transition(self, motion: EpochMotion, Q: Array) -> Transition:
-        return Transition(NavigationMap(motion, self.states, self.decay(motion.dt)), Q, None, motion.dt)
+        return Transition(NavigationMap(motion, self.states, self.carry(motion.dt)), Q, None, motion.dt)
 
     def corrected(self, model: Earth, nav: NavState, x: Array) -> NavState:
         pos = earth.displace(model, nav.pos, -x[..., DP]) if self.position else nav.pos
