@@ -20,6 +20,10 @@ CODES = (
 _FAILED = "failed epochs (an action that is not finite, or zero). A run that diverged is a result: 0."
 _RUN_CODES = f"Exit code 1: the run raised, was lost, was given up by the solver, or had {_FAILED}"
 _FORMATS = f"Formats: {', '.join(map(str, FORMATS.values()))}."
+_MAP = (
+    "What cannot be measured is left open, with what to write. Then: sins-env describe FILE, and sins-env replay FILE SOLVER. "
+    "docs/recordings.md has every key."
+)
 WRITTEN = tuple(name for name, format in FORMATS.items() if format.save)
 _EVAL_CODES = (
     f"Exit code 1: any run raised, was lost, or had {_FAILED} Runs given up by the solver are counted in the table."
@@ -268,6 +272,22 @@ def _hold_against(verb: Verb) -> None:
     sub.add_argument("--velocity-from-positions", action="store_true", help="for fixes without velocities")
     _add_accept(sub)
     sub.add_argument("--force", action="store_true", help="overwrite OUT")
+
+    text = "a first mapping of a text table: delimiter, columns, units and axes, each with the measure behind it"
+    sub = verb("map", "verbs.mapping:write_mapping", text, _MAP)
+    sub.add_argument("file", metavar="FILE", help="a table with gyros and accelerometers")
+    sub.add_argument("--out", metavar="FILE", help="the mapping (default: FILE's name with .json, where it is found)")
+    sub.add_argument(
+        "--site", type=float, nargs=3, metavar=("LAT", "LON", "H"), help="deg, deg, m, if there are no fixes"
+    )
+    sub.add_argument(
+        "--axes", metavar="AXES", help="where x, y, z point: FRD, RFU, FLU ...; measured if the file tells"
+    )
+    sub.add_argument("--rate", type=positive, metavar="HZ", help="rate of a file without times")
+    sub.add_argument(
+        "--gnss", metavar="FILE", help="fixes in a file of their own beside it: a table, or a .pos of RTKLIB"
+    )
+    sub.add_argument("--force", action="store_true", help="overwrite the mapping")
 
     sub = verb("bench", "verbs.bench:bench", "speed of the whole chain and of its parts")
     sub.add_argument("solver", metavar="SOLVER", nargs="?", default="ckf", help=f"{_SOLVER} (default ckf)")

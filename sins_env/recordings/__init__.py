@@ -6,7 +6,8 @@ reference in the frames of this package.
     load("drive.npz")                        one of the NPZ layouts (:mod:`sins_env.recordings.formats.npz`)
     load("Leador-A15.txt")                   KF-GINS text; GNSS and truth as Leador-A15.json names them
     load("lasergyro.imu"), load("x.mat")     PSINS
-    load("imu.csv"), load("imu.json")        CSV, with a mapping (:mod:`sins_env.recordings.mapping`)
+    load("imu.csv"), load("imu.json")        a text table, with a mapping (:mod:`sins_env.recordings.mapping`)
+    load("span.asc"), load("oxts/timestamps.txt")    NovAtel, KITTI; NaveGo .mat too
     save(recording, "drive.txt")             the format of the ending
 
 Increments are Right-Forward-Up on one uniform clock. Gaps stay gaps (NaN), and nothing is resampled without being asked.
@@ -14,8 +15,9 @@ Stamps that repeat or run back, impossible units, and files of the wrong form ar
 line or sample, what is there and what is allowed. Each recording is checked against itself when it is read
 (``findings``): what would make results wrong is refused.
 
-Read ``recording``, ``files``, ``formats``; then ``mapping``, ``text``, ``axes``, ``column_units``, ``clock``,
-``assembling``, ``findings``; then what uses a recording: ``interpolation``, ``summary``.
+Read ``recording``, ``files``, ``formats``; then ``mapping``, ``text``, ``columns``, ``times``, ``axes``, ``column_units``,
+``clock``, ``assembling``, ``findings``; then what uses a recording: ``interpolation``, ``summary``. ``guessing`` makes a
+first mapping of a file.
 """
 
 from sins_env.recordings.axes import heading_pitch_roll, to_rfu

@@ -15,7 +15,7 @@ from typing import Any
 from sins_env.checks import choice, unknown
 from sins_env.recordings.assembling import check_ranges
 from sins_env.recordings.column_units import check_plausible
-from sins_env.recordings.file_format import PARTS, unpacked_name
+from sins_env.recordings.file_format import PARTS, Format, unpacked_name
 from sins_env.recordings.findings import check_findings, findings
 from sins_env.recordings.findings.mending import with_mended_fixes
 from sins_env.recordings.formats import FORMATS
@@ -80,13 +80,21 @@ def _with_mapping(found: Path, format: str | None, mapping: Any) -> tuple[Path, 
         data = companion(found, given["file"], found.name)
     else:
         beside = unpacked_name(found).with_suffix(".json")
-        kind = format or format_of(found)
-        if FORMATS[kind].companions and beside.is_file():
+        if beside.is_file() and (format is not None or _with_ending(found)):
+            one = FORMATS[format or format_of(found)]
+            given = read_mapping(beside) if one.companions or one.save is None else {}
+        elif beside.is_file():  # an ending of no format: the mapping tells it
             given = read_mapping(beside)
     named = given.get("format")
     if named is not None:
         choice("format", named, FORMATS)
     return data, format or named or format_of(data), given
+
+
+def _with_ending(path: Path) -> list[Format]:
+    """Return the formats of the files that end as a path does."""
+    ending = unpacked_name(path).suffix.lower()
+    return [format for format in FORMATS.values() if ending in (format.ending, *format.more_endings)]
 
 
 def format_of(path: Path) -> str:
@@ -96,7 +104,7 @@ def format_of(path: Path) -> str:
         ValueError: an ending of no format, or a file that none of several formats recognises, or more than one.
     """
     ending = unpacked_name(path).suffix
-    alike = [format for format in FORMATS.values() if ending.lower() in (format.ending, *format.more_endings)]
+    alike = _with_ending(path)
     found = [format for format in alike if len(alike) == 1 or (path.is_file() and format.recognises(path))]
     found = found or [format for format in alike if format.save]
     if len(found) == 1:

@@ -62,6 +62,7 @@ def read_table(
     columns: Sequence[int] | None = None,
     blanks: Sequence[int] = (),
     dates: Sequence[tuple[int, ...]] = (),
+    most_rows: int | None = None,
 ) -> Table:
     """Read every row of a file.
 
@@ -72,13 +73,14 @@ def read_table(
         columns: which columns of numbers to keep, counted from 0; None keeps all.
         blanks: those of them that may be blank, which gives NaN.
         dates: columns that together hold a date, counted from 0; each becomes a column of seconds since 1980-01-06.
+        most_rows: number of rows from which on no more are read; None reads all.
 
     Raises:
         ValueError: no such table; the error names the line and the column at fault.
         OSError: no such file, or one that cannot be read.
     """
     head = style if isinstance(style, Head) else read_head(path, style, counts=counts)
-    return _Reader(path, head, counts, columns, tuple(blanks), tuple(dates)).read()
+    return _Reader(path, head, counts, columns, tuple(blanks), tuple(dates)).read(most_rows)
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ class _Reader:
     blanks: tuple[int, ...]
     dates: tuple[tuple[int, ...], ...]
 
-    def read(self) -> Table:
+    def read(self, most_rows: int | None) -> Table:
         width = len(self.head.fields)
         if not width:
             raise ValueError(f"{self.path}: no rows of numbers")
@@ -120,6 +122,8 @@ class _Reader:
             rows[filled : filled + len(part)] = part
             filled += len(part)
             numbers.append(block.numbers)
+            if most_rows is not None and filled >= most_rows:
+                break
         if not filled:
             raise ValueError(f"{self.path}: no rows of numbers")
         rows.resize((filled, rows.shape[1]), refcheck=False)
