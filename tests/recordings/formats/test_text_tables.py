@@ -158,11 +158,7 @@ def replaced(number, new, **more):
         (
             "one\ntwo words\n" + text(),
             {"header": False, **NUMBERED, "delimiter": ","},
-            (
-                "one\ntwo words\n" + text(),
-                {"header": False, **NUMBERED, "delimiter": ","},
-                "column of gyro = 2; allowed: .* from 1 to 1, the columns of line 1",
-            ),
+            "column of gyro = 2; allowed: .* from 1 to 1, the columns of line 1",
         ),
         (text(), {"comment": [1]}, "comment = .1.; allowed: the marks of comments"),
         (text(), {"skip_lines": -1}, "skip_lines = -1"),
