@@ -6,6 +6,7 @@ import json
 import math
 from xml.etree import ElementTree
 
+import gymnasium
 import matplotlib.figure
 import numpy as np
 import pymap3d
@@ -18,6 +19,7 @@ from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 import sins_env
+import solvers
 from sins_env import attitude, recordings
 from sins_env.cli.whole_tables import whole
 from sins_env.evaluation.estimators.guard import EstimatorError
@@ -26,6 +28,8 @@ from sins_env.evaluation.replay.consistency import judge
 from sins_env.evaluation.replay.replaying import replay
 from sins_env.evaluation.replay.told import sigma_of_angles
 from sins_env.recordings import Gnss, Recording, Reference
+from sins_env.types import Site
+from solvers.pipeline.smoother import smooth_navigation
 
 RATE, ENV = 100.0, {"coarse": 0.0}
 BIAS = np.array([1e-6, -2e-6, 3e-6])
@@ -307,6 +311,101 @@ def test_verbs(cli, tmp_path, monkeypatch):
         assert (code, out, len(err)) == (2, "", 1)
         assert part in err[0]
     assert sorted(tmp_path.iterdir()) == before
+
+
+FLIGHT = {
+    "latitude_deg": 48.1,
+    "longitude_deg": 11.6,
+    "height_m": 520.0,
+    "segments": [[10], [8, 1.0], [12, 0.5, 0, 0, 5]],
+}
+
+
+def flown():
+    """30 s of a flight with two samples an epoch, fixes at 1 Hz, and the truth as its reference."""
+    env = gymnasium.make("SINS/NavFlight-v0", profile=FLIGHT, n_sub=2, imu="navigation", gps=FIXES, reveal_truth=True)
+    obs, _ = env.reset(seed=4)
+    seen, true, over = [], [], False
+    while not over:
+        seen.append(obs)
+        obs, _, _, over, info = env.step(np.eye(10)[0])
+        true.append(info["truth"])
+    t = np.array([one["t"][0] for one in seen])
+    fix = np.array([one["gps_valid"][0] == 1 for one in seen])
+    every = {name: np.stack([one[name] for one in seen]) for name in seen[0]}
+    truth = Reference(t, *(np.stack([one[name] for one in true]) for name in ("q_nb", "vel", "pos")))
+    gnss = Gnss(t[fix], every["gps_vel"][fix], every["gps_pos"][fix])
+    rows = (every[name].reshape(-1, 3) for name in ("dtheta", "dvel"))
+    return Recording("flown", 20.0, 0.0, *rows, Site(*truth.pos[0]), gnss, None, truth)
+
+
+FIXES = {"vel_std_mps": 0.05, "pos_std_m": 1.0, "rate_hz": 1.0}
+
+
+def test_a_smoothed_solution_is_that_of_the_smoother_and_nowhere_less_certain():
+    given = {"imu": "navigation", "gps": FIXES, "coarse": 8.0, "outages_s": [(18.0, 24.0)]}
+    plain, found = (sins_env.navigate(flown(), "inekf", smooth=smooth, **given) for smooth in (False, True))
+    env = gymnasium.make(
+        "SINS/Replay-v0",
+        recording=flown(),
+        mode="navigate",
+        imu="navigation",
+        coarse=8.0,
+        gps={**FIXES, "outages_s": [[18.0, 24.0]]},
+    )
+    track = smooth_navigation(solvers.make("inekf"), env).smoothed
+    assert_allclose(found.time, track.t, atol=1e-9)
+    for one, other in zip((found.attitude, found.velocity, found.position), track.nav, strict=True):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(found.gyro_bias, track.gyro_bias)
+    sigma = np.sqrt(np.diagonal(track.cov, axis1=-2, axis2=-1))
+    assert_allclose(found.sigma_accel_bias, sigma[:, track.states["accel_bias"]])
+    n = len(found.time)
+    for name in ("sigma_position", "sigma_velocity", "sigma_attitude", "sigma_gyro_bias"):
+        assert (getattr(found, name) <= getattr(plain, name)[-n:] * (1 + 1e-9)).all()
+    error = found.replay.track.pos_error[0, -n:]
+    truth = flown().reference.pos[-n:]
+    off = np.stack(pymap3d.geodetic2enu(*_degrees(found.position), *_degrees(truth)), axis=-1)
+    assert_allclose(error, off, atol=1e-5)
+    assert np.sqrt(np.mean(error**2)) < 0.8 * np.sqrt(np.mean(plain.replay.track.pos_error[0, -n:] ** 2))
+
+
+def _degrees(pos):
+    return np.degrees(pos[:, 0]), np.degrees(pos[:, 1]), pos[:, 2]
+
+
+def test_align_prints_how_it_converged(cli, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    w_ie, g = 7.292115e-5 * np.array([0.0, np.cos(0.53), np.sin(0.53)]), 9.79
+    rest = Recording("rest", 20.0, 0.0, np.tile(w_ie / 20, (900, 1)), np.tile([0.0, 0.0, g / 20], (900, 1)), made.SITE)
+    recordings.save(rest, tmp_path / "rest.npz")
+    given = ("align", "rest.npz", "--solver", "evaluation.solution.test_solution:Converges")
+    code, out, err = cli(*given, "--coarse", 0, "--out", "a.csv", "--figure", "a.png")
+    assert (code, err) == (0, ["solution: a.csv", "figure: a.png"])
+    lines = [line.split() for line in out.splitlines()]
+    assert [line[0] for line in lines if line[1:] and line[1:2] == ["350.0000"]] == ["10", "20", "40", "45"]
+    assert ["20", "350.0000", "5", "1.0000", "0.5", "-2.0000", "0.5"] in lines
+    code, out, _ = cli(*given, "--coarse", 0, "--json")
+    told = json.loads(out)
+    assert [line["after_s"] for line in told["course"]] == pytest.approx([10, 20, 40, 45])
+    assert told["latitude_deg"] == pytest.approx(np.degrees(0.53))
+    assert told["velocity_enu_mps"] == [None] * 3
+
+
+class Converges:
+    """Knows the angles; its sigma is 100 deg over the seconds, and for pitch and roll a tenth of that."""
+
+    batched = False
+
+    def reset(self, task, rng, num_runs=1):
+        pass
+
+    def step(self, obs):
+        self.t = float(obs["t"][0])
+        return attitude.from_euler(np.radians(350.0), np.radians(1.0), np.radians(-2.0))
+
+    def covariance(self):
+        return np.diag(np.radians([10.0 / self.t, 10.0 / self.t, 100.0 / self.t])) ** 2
 
 
 def test_the_recommended_solver_has_no_smoother():
