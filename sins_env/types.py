@@ -92,7 +92,8 @@ class Estimator(Protocol):
     """The contract that an estimator meets; it needs to import or inherit nothing.
 
     An estimator may have a method ``covariance()``, which returns that of the corrected errors: (..., 3, 3) in rad^2 in the
-    order E, N, U. In navigation it is (..., 9, 9), of phi in rad, velocity in m/s and position in m.
+    order E, N, U. In navigation it is (..., 9, 9), of phi in rad, velocity in m/s and position in m. Further it may have
+    ``diagnostics()``, which returns arrays by name, and ``smoother()``: docs/recordings.md#the-solution-is-a-file.
     See docs/tasks_and_scores.md#estimator-contract.
     """
 
