@@ -28,7 +28,7 @@ WRITTEN = tuple(name for name, format in FORMATS.items() if format.save)
 _EVAL_CODES = (
     f"Exit code 1: any run raised, was lost, or had {_FAILED} Runs given up by the solver are counted in the table."
 )
-_TASK = "a name (sins-env list shows them)"
+_TASK = "a name (sins-env list shows them), or the YAML or JSON file of a scenario (docs/scenarios.md)"
 _SOLVER = "a name (sins-env list shows them), or module:Factory: a class in module.py of this folder"
 _SETTING = "a setting of the solver (sins-env describe SOLVER shows them); may be repeated"
 _CONTRACT = (
@@ -111,7 +111,9 @@ def _look(verb: Verb) -> None:
 
     text = "what is known of an environment, task, solver, preset, flight or recording"
     sub = verb("describe", "describe.named:describe", text)
-    sub.add_argument("name", metavar="NAME", help="one that sins-env list shows, module:Factory, or a file")
+    text = "one that sins-env list shows, module:Factory, or a file; scenario: every key of a scenario"
+    sub.add_argument("name", metavar="NAME", help=text)
+    sub.add_argument("--yaml", action="store_true", help="print a task as the file of a scenario, to copy and change")
     sub.add_argument("--imu", metavar="SPEC", help=f"errors of a recording's IMU, for its first heading: {_SPEC}")
     sub.add_argument("--allan", metavar="FILE", help="draw the Allan deviation of an IMU preset or a recording")
     sub.add_argument("--plot", metavar="FILE", help="draw a flight: a profile by name, or a YAML or JSON file")
@@ -139,7 +141,7 @@ def _play(verb: Verb) -> None:
     _add_suite(sub)
 
     sub = verb("eval", "verbs.evaluate:evaluate", "many runs of solvers on tasks, into a results file", _EVAL_CODES)
-    several(sub, "--task", required=True, help="names (sins-env list shows them)")
+    several(sub, "--task", required=True, help="names (sins-env list shows them), or files of scenarios")
     several(sub, "--solver", required=True, help=_SOLVER)
     sub.add_argument("--runs", type=count, default=100, metavar="N", help="default 100; a recording has its windows")
     text = "processes (default), dask, or tcp://HOST:PORT: a Dask scheduler that runs elsewhere (docs/scale.md)"
@@ -169,7 +171,7 @@ def _read_results(verb: Verb) -> None:
 
     text = "two solvers on the same runs: ratio of RMS, success and time, with intervals"
     sub = verb("compare", "verbs.results_file:compare", text)
-    sub.add_argument("task", metavar="TASK", help="one that the file holds")
+    sub.add_argument("task", metavar="TASK", help="one that the file holds, or the file of its scenario")
     sub.add_argument("solver", metavar="SOLVER", help="as it is called in the file")
     sub.add_argument("reference", metavar="SOLVER", help="solver to compare it with")
     text = "what errors are compared in: azimuth, level ...; of navigation position, velocity ... (default: what ranks)"
@@ -389,7 +391,7 @@ def _add_db(sub: argparse.ArgumentParser) -> None:
 
 def _add_choice(sub: argparse.ArgumentParser) -> None:
     """Add the options of verbs that read all or some results of a file."""
-    several(sub, "--task", help="these tasks only")
+    several(sub, "--task", help="these tasks only; names, or files of scenarios")
     several(sub, "--solver", help="these solvers only")
     _add_db(sub)
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from sins_env.envs.base import EpisodeEnv, EpisodeVectorEnv
+from sins_env.scenarios.scenario import Scenario
 from sins_env.worlds.flight import FlightSettings, FlightWorld
 from sins_env.worlds.replay import ReplayWorld
 from sins_env.worlds.replay_settings import ReplaySettings
 from sins_env.worlds.sway import AlignSettings, SwayWorld
 from sins_env.worlds.vehicle import VehicleSettings, VehicleWorld
+from sins_env.worlds.world import World
 
 
 class AlignSwayEnv(EpisodeEnv):
@@ -86,6 +90,43 @@ class ReplayVectorEnv(EpisodeVectorEnv):
     """
 
     single = ReplayEnv
+
+
+@dataclass(frozen=True)
+class ScenarioSettings:
+    """Settings of ``SINS/Scenario-v0``: ``scenario`` is the path of a YAML or JSON file, or a dict as JSON can hold it.
+
+    It names the kind of motion, and with it another environment, whose action and observation this one has. Its keys are those
+    of docs/scenarios.md; what it leaves out is as in that environment.
+    """
+
+    scenario: Any = None
+
+
+def scenario_world(env_id: str, settings: ScenarioSettings) -> World:
+    """Return the world of a scenario, which is that of the environment for its kind of motion.
+
+    Raises:
+        ValueError: what is no scenario; the error of a file has the line.
+        OSError: no such file, or one that cannot be read.
+    """
+    scenario = Scenario.of(settings.scenario)
+    return ENVIRONMENTS[scenario.env_id].single.make_world(dict(scenario.kwargs))
+
+
+class ScenarioEnv(EpisodeEnv):
+    """Any of these environments from a scenario, which is a YAML or JSON file or a dict."""
+
+    env_id = "SINS/Scenario-v0"
+    settings = ScenarioSettings
+    world = staticmethod(scenario_world)
+    navigates = (False, True)
+
+
+class ScenarioVectorEnv(EpisodeVectorEnv):
+    """Runs of one scenario in lockstep."""
+
+    single = ScenarioEnv
 
 
 #: Every environment by its id, in its vector form, which names the single one.

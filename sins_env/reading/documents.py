@@ -29,7 +29,15 @@ def read_document(path: Path) -> Any:
         ValueError: neither, or beyond the limits; the error has the file and the line.
         OSError: no such file, or one that cannot be read.
     """
-    text = read_text(path, MOST_BYTES)
+    return parse_document(path, read_text(path, MOST_BYTES))
+
+
+def parse_document(path: Path, text: str) -> Any:
+    """Return the value of the text of a file, which is YAML or JSON by the ending of its name.
+
+    Raises:
+        ValueError: neither, or beyond the limits; the error has the file and the line.
+    """
     try:
         return parse_yaml(text) if path.suffix.lower() in YAML_ENDINGS else parse_json(text)
     except json.JSONDecodeError as error:
@@ -113,10 +121,12 @@ def parse_yaml(text: str) -> Any:
 
     class Loader(base):  # type: ignore[misc, valid-type]
         def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+            names = [key for key, _ in node.value if key.value != "<<" and isinstance(key.value, str)]
             try:
-                _check_once([key.value for key, _ in node.value if key.value != "<<" and isinstance(key.value, str)])
+                _check_once([key.value for key in names])
             except ValueError as error:
-                raise yaml.constructor.ConstructorError(None, None, str(error), node.start_mark) from None
+                twice = next(key for i, key in enumerate(names) if key.value in [one.value for one in names[:i]])
+                raise yaml.constructor.ConstructorError(None, None, str(error), twice.start_mark) from None
             return super().construct_mapping(node, deep)
 
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))

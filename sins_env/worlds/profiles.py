@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from sins_env.checks import unknown
-from sins_env.reading.documents import MOST_BYTES
+from sins_env.reading.documents import MOST_BYTES, YAML_ENDINGS, read_document
 from sins_env.reading.files import beginning
 from sins_env.sensors.imu import Script, Wave
 from sins_env.specs import GpsSpec, ImuSpec
@@ -174,8 +174,17 @@ def flight_profile(given: Any) -> Profile:
 
 
 def is_flight(name: str) -> bool:
-    """Return whether this names a profile or a file with a flight; a JSON file has one if it has segments."""
+    """Return whether this names a profile or a file with a flight, which has one of its fields at the top.
+
+    Raises:
+        ValueError: a YAML file that is none, or beyond the limits.
+    """
     path = Path(name)
-    if name in PROFILES or path.suffix.lower() in (".yaml", ".yml"):
+    if name in PROFILES:
         return True
-    return path.suffix.lower() == ".json" and path.is_file() and b'"segments"' in beginning(path, MOST_BYTES)
+    if path.suffix.lower() == ".json":
+        return path.is_file() and b'"segments"' in (text := beginning(path, MOST_BYTES)) and b'"motion"' not in text
+    if path.suffix.lower() not in YAML_ENDINGS or not path.is_file():
+        return False
+    found = read_document(path)
+    return isinstance(found, dict) and not found.keys().isdisjoint(field.name for field in fields(FlightPlan))

@@ -18,12 +18,14 @@ from sins_env.cli.describe import figures, layout
 from sins_env.cli.describe.flight import describe_flight, draw_flight
 from sins_env.cli.describe.listing import KINDS
 from sins_env.cli.describe.recording import describe_recording, is_recording
+from sins_env.cli.describe.scenario import as_yaml, describe_keys, is_scenario_file
 from sins_env.cli.output import check_plot, save_figure
 from sins_env.envs.environments import ENVIRONMENTS
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.show.footer import order
-from sins_env.evaluation.tasks.catalogue import TASKS
+from sins_env.evaluation.tasks.catalogue import find, get_task
+from sins_env.evaluation.tasks.fingerprint import digest
 from sins_env.evaluation.tasks.task import EvaluationTask, suite_hash
 from sins_env.reading.datasheets import told
 from sins_env.sensors import aids
@@ -55,8 +57,16 @@ def describe(given: Namespace, console: Console) -> int:
         _check_flight(name, given.plot)
     if given.imu and not is_recording(name):
         raise ValueError(f"--imu for {name!r}; allowed: for a recording, whose first heading it judges")
-    if name in TASKS:
-        found = _task(TASKS[name], console)
+    if given.yaml:
+        print(as_yaml(name), end="")
+        return 0
+    if name == "scenario":
+        describe_keys(console)
+        found = True
+    if is_scenario_file(name):
+        found = _task(get_task(name), console)
+    elif (task := find(name)) is not None:
+        found = _task(task, console)
     if name in ENVIRONMENTS:
         found = _environment(name, console)
     for kind, presets in (("IMU", IMU_PRESETS), ("GPS", GPS_PRESETS)):
@@ -99,6 +109,7 @@ def _task(task: EvaluationTask, console: Console) -> bool:
         "duration": f"{public.duration_s:g} s ({public.coarse_s:g} s coarse), {public.num_epochs} epochs",
         "runs": f"up to {task.max_runs}, the windows of the recording" if task.max_runs else "as many as asked for",
         "suite": f"seed {task.suite_seed}, hash {suite_hash(task)}",
+        "digest": digest(task),
     }
     for name, text in filter(all, rows.items()):
         table.add_row(name, escape(text))

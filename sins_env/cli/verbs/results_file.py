@@ -22,6 +22,7 @@ from sins_env.evaluation.store import export as exports
 from sins_env.evaluation.store import verify as verification
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.store import Store
+from sins_env.evaluation.tasks.catalogue import named
 from sins_env.evaluation.tasks.task import seed_hash
 from sins_env.writing.files import write_text
 
@@ -35,15 +36,15 @@ def _chosen(given: Namespace, store: Store, oracles: bool = False) -> list[Key]:
     Raises:
         ValueError: a name that the file does not have.
     """
-    held = store.keys(oracles=oracles)
+    held, tasks = store.keys(oracles=oracles), named(given.task)
     for kind, wanted, there in (
-        ("task", given.task, {key.task for key in held}),
+        ("task", tasks, {key.task for key in held}),
         ("solver", given.solver, {key.solver for key in held}),
     ):
         for name in wanted:
             if name not in there:
                 raise unknown(f"{kind} in {given.db}", name, there)
-    return [key for key in held if key.among(given.task, given.solver)]
+    return [key for key in held if key.among(tasks, given.solver)]
 
 
 def board(given: Namespace, console: Console) -> int:
@@ -84,7 +85,8 @@ def report(given: Namespace, console: Console) -> int:
 def compare(given: Namespace, console: Console) -> int:
     """Compare two solvers of a results file over the runs that both have."""
     with Store(given.db, read_only=True) as store:
-        chosen = _chosen(Namespace(task=[given.task], solver=[given.solver, given.reference], db=given.db), store)
+        names = Namespace(task=[given.task], solver=[given.solver, given.reference], db=given.db)
+        chosen = _chosen(names, store)
         pairs = [
             (a, b)
             for a in chosen
@@ -127,7 +129,7 @@ def verify(given: Namespace, console: Console) -> int:
     with Store(given.db, read_only=not given.adopt) as store:
         keys = _chosen(given, store, oracles=True)
         if given.adopt:
-            keys = adopting.older(store, given.task, given.solver)
+            keys = adopting.older(store, named(given.task), given.solver)
             if not keys:
                 print(f"{given.db}: all rows are of the present code")
                 return 0

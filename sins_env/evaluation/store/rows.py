@@ -16,7 +16,7 @@ import numpy as np
 
 from sins_env.arrays import Array
 from sins_env.checks import flag, number, refused, unknown
-from sins_env.envs import ENV_IDS
+from sins_env.envs.environments import ENVIRONMENTS
 from sins_env.evaluation.bound.bounds import Bound
 from sins_env.evaluation.play.criteria import MAX_HISTORY, Criteria
 from sins_env.evaluation.play.fields import Field
@@ -161,8 +161,9 @@ def criteria_of(text: str) -> Criteria:
 
 
 def definition_json(task: EvaluationTask) -> str:
-    """Return the definition of a task as JSON."""
-    return json.dumps({f.name: getattr(task, f.name) for f in fields(task)} | {"kwargs": dict(task.kwargs)})
+    """Return the definition of a task as JSON, without fields that have their default, so that a new one changes nothing."""
+    given = {f.name: getattr(task, f.name) for f in fields(task) if getattr(task, f.name) != f.default}
+    return json.dumps(given | {"kwargs": dict(task.kwargs)})
 
 
 def definition_of(text: str) -> EvaluationTask:
@@ -172,8 +173,8 @@ def definition_of(text: str) -> EvaluationTask:
         ValueError: an environment that is not of this package, or values that no task can have.
     """
     found = _fields_of(EvaluationTask, object_of(text))
-    if found.env_id not in ENV_IDS:
-        raise unknown("env_id", found.env_id, ENV_IDS)
+    if found.env_id not in ENVIRONMENTS:
+        raise unknown("env_id", found.env_id, ENVIRONMENTS)
     if found.rank_by not in (*QUANTITIES, FAILURES):
         raise unknown("rank_by", found.rank_by, (*QUANTITIES, FAILURES))
     for name in ("delta_azimuth_deg", "delta_level_arcsec", "hold_s", "score_from_s"):
@@ -187,8 +188,14 @@ def definition_of(text: str) -> EvaluationTask:
 
 
 def binding(text: str) -> dict[str, Any]:
-    """Return the part of a definition that may not change within a version: all fields but the descriptions."""
-    return {name: value for name, value in vars(definition_of(text)).items() if name not in ("what", "source")}
+    """Return the part of a definition that may not change within a version: all fields but the descriptions.
+
+    Settings of the environment that have their default are left out.
+    """
+    task = definition_of(text)
+    defaults = {one.name: one.default for one in fields(ENVIRONMENTS[task.env_id].single.settings)}
+    kwargs = {name: value for name, value in task.kwargs.items() if name not in defaults or value != defaults[name]}
+    return {n: v for n, v in vars(task).items() if n not in ("what", "source")} | {"kwargs": kwargs}
 
 
 def bound_json(bound: Bound | None) -> str:

@@ -31,7 +31,7 @@ from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.store.key import Key
 from sins_env.evaluation.store.rows import STORED_NOW, binding, changed, criteria_change, definition_json
 from sins_env.evaluation.store.store import Store
-from sins_env.evaluation.tasks.catalogue import TASKS
+from sins_env.evaluation.tasks.catalogue import TASKS, find
 from sins_env.evaluation.tasks.fingerprint import digest
 from sins_env.evaluation.tasks.task import suite_hash
 
@@ -162,8 +162,8 @@ def may_run(solver: str, trusted: Collection[str] = ()) -> bool:
 
 def _obstacle(key: Key, seed: int | None, trusted: Collection[str], other_code: bool) -> str:
     """Return why these rows cannot be run again; empty if they can. Nothing is imported to find out."""
-    if key.task not in TASKS:
-        return f"{key.task} is no task of this version"
+    if find(key.task) is None:
+        return f"{key.task} is no task of this version; a file of one's own is named with --task FILE"
     own = key.solver == oracle.SOLVER
     if not own and not may_run(key.solver, trusted):
         path = ":" in key.solver

@@ -138,7 +138,7 @@ def test_what_cannot_be_verified(short, monkeypatch):
     monkeypatch.delitem(catalogue.TASKS, "short-v0")
     found = check()
     assert found.runs == 0
-    assert found.left_out == {"short-v0 is no task of this version": 10}
+    assert found.left_out == {"short-v0 is no task of this version; a file of one's own is named with --task FILE": 10}
 
 
 def test_a_changed_world_is_found(short):

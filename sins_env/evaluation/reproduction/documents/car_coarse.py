@@ -7,12 +7,14 @@ from typing import Any
 from sins_env.evaluation.reproduction.readings.car import azimuth
 from sins_env.evaluation.reproduction.tables import Group, Line, Table
 from sins_env.evaluation.reproduction.verdicts import Printed
-from sins_env.evaluation.tasks.suite.standing_base import VEHICLE_HEADINGS_DEG, VEHICLE_SCENES
+from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask
 
 RECORDS = 10  #: number of records behind each printed figure
 CAP_DEG = 180.0  #: no angle is further off; the printed methods are off by tens of degrees
 COARSE_S = 90.0
+#: Headings and scenes of the thirty records.
+HEADINGS_DEG, SCENES = (get_task("vehicle-v0").kwargs[name] for name in ("heading_deg", "events"))
 _LAST = 0.1  #: length of the fine phase, whose epoch is read; these estimators go on through it
 
 
@@ -24,7 +26,7 @@ def _task(name: str, what: str, env_id: str, kwargs: dict[str, Any], **more: Any
 def _car(number: str, first: int) -> EvaluationTask:
     """Return the task with ten records of ``vehicle-v0``, from the record ``first`` on."""
     ten = slice(first, first + RECORDS)
-    headings, scenes = VEHICLE_HEADINGS_DEG[ten], VEHICLE_SCENES[ten]
+    headings, scenes = HEADINGS_DEG[ten], SCENES[ten]
     what = f"simulated parked car, {said(ten)}, {COARSE_S:g} s"
     settings = {"heading_deg": headings, "events": scenes, "duration": COARSE_S}
     return _task(f"table-{number}-car-v0", what, "SINS/AlignVehicle-v0", settings, records=RECORDS)
@@ -32,9 +34,9 @@ def _car(number: str, first: int) -> EvaluationTask:
 
 def said(part: slice) -> str:
     """Describe the records of one position of ``vehicle-v0`` in words."""
-    scenes = VEHICLE_SCENES[part]
+    scenes = SCENES[part]
     counts = " and ".join(f"{scenes.count(name)} records of {name}" for name in dict.fromkeys(scenes))
-    return f"{counts}, heading {VEHICLE_HEADINGS_DEG[part][0]:g} deg"
+    return f"{counts}, heading {HEADINGS_DEG[part][0]:g} deg"
 
 
 RECORDING = _task(
@@ -65,7 +67,7 @@ def _table(number: str, first: int, *printed: float) -> Table:
     car = _car(number, first)
     return Table(
         number,
-        f"coarse heading of a parked car, {VEHICLE_HEADINGS_DEG[first]:g} deg",
+        f"coarse heading of a parked car, {HEADINGS_DEG[first]:g} deg",
         "000",
         "Standard deviation of the heading over records after 90 s (the thesis' RMS, about the mean), simulated and on a recording "
         "of another car. The thesis has one inertial method, taken to be that of its section 2.4: two vectors.",

@@ -1,7 +1,6 @@
-"""Definitions of the evaluation tasks, with a family in each file.
+"""The tasks of the suite, with a scenario in each file; the numbers of the files give their order.
 
-A file defines ``TASKS``, a tuple of :class:`EvaluationTask`, and the catalogue finds it without further registration.
-It ends with ``DIGESTS`` of their worlds, made by :func:`sins_env.evaluation.digest`, to which the tests hold the code.
-Read ``swaying_base`` first. docs/tasks_and_scores.md#tasks explains the fields, and
-docs/tasks_and_scores.md#alignment-criterion the choice of thresholds.
+The catalogue reads every file of this folder without further registration. ``digest`` is that of the task's world, made by
+:func:`sins_env.evaluation.digest`, to which the tests hold the code. docs/scenarios.md has the keys,
+docs/tasks_and_scores.md#tasks explains the tasks, and docs/tasks_and_scores.md#alignment-criterion the choice of thresholds.
 """
