@@ -69,7 +69,8 @@ class Key:
 
     def _named(self, text: str) -> str:
         """Return the text of an error with the name of the key where it has that of a setting, a specification or none."""
-        text = re.sub(rf"^{re.escape(self.to)} =", f"{self.path} =", text).replace("or None", "or null")
+        names = {self.to, self.path.rpartition(".")[2]}
+        text = re.sub(rf"^(?:{'|'.join(map(re.escape, names))})(?=[. ])", self.path, text).replace("or None", "or null")
         text = re.sub(r"\b(?:Imu|Gps)Spec\.", f"{self.path}.", text)
         text = re.sub(r"\b([A-Z]\w*)Spec\.", lambda found: f"{self.path}.{found[1].lower()}.", text)
         return text if self.path in text else f"{self.path}: {text}"

@@ -162,7 +162,7 @@ class Reader:
 
     def _check_apart(self, kind: MotionKind, values: Mapping[str, Any], places: Mapping[str, Place]) -> None:
         """Check that only one group of keys that exclude each other is given."""
-        there = [[to for to in group if to in values] for group in kind.apart]
+        there = [[to for to in values if to in group] for group in kind.apart]
         if sum(map(bool, there)) > 1:
             one, other = (".".join(map(str, places[group[0]])) for group in there if group)
             raise self.error(places[there[-1][0]], f"{other} with {one}; allowed: one of them")

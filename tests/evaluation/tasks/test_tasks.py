@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import sys
 
 import numpy as np
 import pytest
@@ -15,9 +14,10 @@ from sins_env.evaluation.tasks import catalogue as tasks
 from sins_env.evaluation.tasks import suite
 from sins_env.evaluation.tasks.catalogue import suite_files
 from sins_env.evaluation.tasks.task import EvaluationTask, run_seed, solver_rng, suite_hash
+from sins_env.scenarios.scenario import Scenario
 
 #: What the files of the suite say of their worlds.
-DIGESTS = {name: value for file in suite_files() for name, value in getattr(file, "DIGESTS", {}).items()}
+DIGESTS = {one.task["name"]: one.task.get("digest") for one in map(Scenario.of, suite_files())}
 SEED_0 = 1996661565137576703
 THRESHOLDS = {
     "sway-white-v0": (0.7, 70, 360, 0),
@@ -46,9 +46,9 @@ SIMULATED = [name for name in tasks.names() if not get_task(name).windows]
 
 
 def test_every_task_has_a_digest():
-    """Its file ends with DIGESTS, as ``sins_env.evaluation.digest`` makes them."""
-    missing = {name: digest(get_task(name)) for name in set(tasks.names()) - set(DIGESTS)}
-    assert not missing, f"DIGESTS = {missing}"
+    """Its file ends with it, as ``sins_env.evaluation.digest`` makes it."""
+    missing = {name: digest(get_task(name)) for name, value in DIGESTS.items() if value is None}
+    assert not missing, f"digest: {missing}"
     assert set(THRESHOLDS) <= set(DIGESTS) == set(tasks.names())
 
 
@@ -175,36 +175,28 @@ def added(tmp_path, monkeypatch):
     monkeypatch.setattr(suite, "__path__", [*suite.__path__, str(tmp_path)])
 
     def add(name, text):
-        (tmp_path / f"{name}.py").write_text(text)
-        monkeypatch.delitem(sys.modules, f"{suite.__name__}.{name}", raising=False)
+        (tmp_path / name).write_text(text)
         return tasks.collect()
 
     return add
 
 
-ONE_MORE = """
-from dataclasses import replace
-from sins_env.evaluation.tasks.suite.swaying_base import TASKS as SWAY
-TASKS = (replace(SWAY[0], name={!r}),)
-"""
-
-
 def test_a_new_task_is_one_new_file(added):
     """It stands with those of its environment, in the order of the environments; the others stay as they are."""
-    found = added("zz_mine", ONE_MORE.format("sway-mine-v0"))
+    found = added("99-mine.yaml", "name: sway-mine-v0\nscore: {azimuth_deg: 1, level_arcsec: 60}\n")
     assert [name for name in found if name != "sway-mine-v0"] == tasks.names()
     assert list(found).index("sway-mine-v0") == list(found).index("sway-anyheading-v0") + 1
-    assert list(dict.fromkeys(task.env_id for task in found.values())) == list(ENV_IDS)
+    assert list(dict.fromkeys(task.env_id for task in found.values())) == [*ENV_IDS[:-1]]  # the last one is Scenario-v0
 
 
-def test_a_file_of_tasks_that_is_none(added):
-    with pytest.raises(ImportError, match=r"suite.empty_one: TASKS = None; allowed: a tuple of EvaluationTask"):
-        added("empty_one", "")
+def test_a_file_of_the_suite_has_thresholds(added):
+    with pytest.raises(ValueError, match=r"empty.yaml: no delta_azimuth_deg; allowed in the suite: both thresholds"):
+        added("empty.yaml", "")
 
 
 def test_two_tasks_of_one_name(added):
-    with pytest.raises(ImportError, match="zz_twin: a second task sway-white-v0"):
-        added("zz_twin", ONE_MORE.format("sway-white-v0"))
+    with pytest.raises(ValueError, match=r"twin.yaml: a second task sway-white-v0"):
+        added("twin.yaml", tasks.file_of("sway-white-v0").read_text())
 
 
 def test_sources_are_documents_or_pages_that_exist():
