@@ -56,7 +56,7 @@ def test_help_starts_without_the_evaluation():
 def test_nothing_needs_scipy_stats_to_be_imported():
     verbs = "sins_env.cli.describe.listing, sins_env.cli.verbs.run, sins_env.cli.verbs.reproduce"
     code = f"import sys, sins_env.evaluation.store.database, {verbs}; print(*sys.modules)"
-    assert {"scipy.stats", "matplotlib", "yaml", "filterpy"}.isdisjoint(fresh(code).split())
+    assert {"scipy.stats", "matplotlib", "filterpy"}.isdisjoint(fresh(code).split())
 
 
 def test_the_evaluation_needs_no_scipy_to_be_imported():
@@ -95,7 +95,7 @@ def test_both_orders_of_what_is_installed(order):
 def test_a_class_is_all_that_an_environment_needs():
     """Every class with an id is registered, under its own path, alone and as a vector."""
     classes = [cls for cls in vars(environments).values() if isinstance(cls, type) and "env_id" in vars(cls)]
-    assert len(classes) == 5
+    assert len(classes) == 6
     for cls in classes:
         spec = gymnasium.spec(cls.env_id)
         assert spec.entry_point == f"sins_env.envs.environments:{cls.__name__}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -60,8 +61,6 @@ def _yaml_places(text: str) -> Iterator[tuple[Place, int]]:
 
 def _json_places(text: str) -> Iterator[tuple[Place, int]]:
     """Yield places and lines of a JSON text that has been parsed."""
-    import json
-
     path: list[str | int] = []  #: key or number of the item in each collection around
     line, last, key = 1, 0, False
     for token in _TOKEN.finditer(text):

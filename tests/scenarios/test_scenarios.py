@@ -224,7 +224,7 @@ class Point:
     """An entry point of a package."""
 
     def __init__(self, name, value):
-        self.name, self.value, self.found = name, "package:x", value
+        self.name, self.value, self.group, self.found = name, "package:x", catalogue.GROUP, value
 
     def load(self):
         return self.found

@@ -9,8 +9,10 @@ from __future__ import annotations
 import importlib.metadata
 import math
 import os
+from collections import UserDict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -65,9 +67,26 @@ def _task(scenario: Scenario, **more: float) -> EvaluationTask:
     return EvaluationTask(env_id=scenario.env_id, kwargs=scenario.kwargs, **fields)
 
 
+@cache
+def suite_tasks() -> Mapping[str, EvaluationTask]:
+    """Return the tasks of the suite by name, read once."""
+    return collect()
+
+
+class Tasks(UserDict[str, EvaluationTask]):
+    """Tasks by name, whose files are read when a task is asked for first, not at the import."""
+
+    def __init__(self) -> None:
+        """Read nothing yet."""
+
+    @cached_property
+    def data(self) -> dict[str, EvaluationTask]:  # type: ignore[override]
+        """All tasks by name."""
+        return dict(suite_tasks())
+
+
 #: Tasks of the suite, and those that :func:`register` has added.
-TASKS: dict[str, EvaluationTask] = collect()
-SUITE = frozenset(TASKS)  #: names of the tasks of the suite
+TASKS = Tasks()
 
 
 def load(given: Given) -> EvaluationTask:
@@ -93,16 +112,17 @@ def load(given: Given) -> EvaluationTask:
             raise scenario.place.error(("score",), f"{what}; allowed: both")
         derived = thresholds(found)
         task = _task(scenario, **{name: derived[name] for name in missing})
-    if task.name in SUITE and not _same(task, TASKS[task.name]):
+    if _is_other(task):
         raise scenario.place.error(("name",), f"name = {task.name!r}, which a task of the suite has; allowed: another")
     if (wanted := scenario.task.get("digest")) and wanted != (now := digest(task)):
         raise scenario.place.error(("digest",), f"digest = {wanted!r}; allowed: {now}, that of the present world")
     return task
 
 
-def _same(one: EvaluationTask, other: EvaluationTask) -> bool:
-    """Return whether two tasks differ in their descriptions at most."""
-    return replace(one, what="", source="") == replace(other, what="", source="")
+def _is_other(task: EvaluationTask) -> bool:
+    """Return whether a task of the suite has the name of this one, but not its definition."""
+    own = suite_tasks().get(task.name)
+    return own is not None and replace(own, what="", source="") != replace(task, what="", source="")
 
 
 def thresholds(bound: Bound) -> dict[str, float]:
@@ -122,7 +142,7 @@ def register(given: Given) -> EvaluationTask:
         ValueError, OSError: as :func:`load`, or a task of the suite that has the name.
     """
     task = load(given)
-    if task.name in SUITE and not _same(task, TASKS[task.name]):
+    if _is_other(task):
         raise refused("name", task.name, "a name that no task of the suite has")
     TASKS[task.name] = task
     return task
@@ -130,7 +150,7 @@ def register(given: Given) -> EvaluationTask:
 
 def _points() -> dict[str, importlib.metadata.EntryPoint]:
     """Return the entry points of installed packages by the name of their task."""
-    return {point.name: point for point in importlib.metadata.entry_points(group=GROUP)}
+    return {point.name: point for point in importlib.metadata.entry_points(group=GROUP) if point.group == GROUP}
 
 
 def installed(name: str) -> EvaluationTask | None:
