@@ -45,7 +45,8 @@ class FlightSettings(Timed):
 
     ``profile`` names a flight: ``sun2012``, ``sun2012-fixed``, ``sun2012-physical``, ``lu-gauss``, ``lu-mixture``,
     ``zhao2010``, ``hotstart30``, ``hotstart60`` or ``hotstart90``. A flight of one's own is a dict of the fields of
-    FlightPlan, or the path of a YAML or JSON file with them. It has the sensors of ``sun2012``.
+    FlightPlan, or the path of a YAML or JSON file with them. A CSV or NPZ table of places, or a dict or file with ``track``, is a
+    motion through them (docs/mathematics/simulation.md#tracks). Both have the sensors of ``sun2012``.
 
     ``duration``, s, ends the flight early. It includes the ``coarse`` phase, s.
 

@@ -19,6 +19,7 @@ from sins_env.sensors.imu import Script, Wave
 from sins_env.specs import GpsSpec, ImuSpec
 from sins_env.trajectory.plan import FLIGHT_FILES, FlightPlan
 from sins_env.trajectory.segments import Segment
+from sins_env.trajectory.track import TABLE_FILES, plan_of
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,7 @@ PROFILES: dict[str, Profile] = {
 
 
 def flight_profile(given: Any) -> Profile:
-    """Return a profile by name, or a flight of one's own (a dict, a file, a plan) with the sensors of ``sun2012``.
+    """Return a profile by name, or a flight or track of one's own (a dict, a file, a plan) with the sensors of ``sun2012``.
 
     Raises:
         ValueError: an unknown name, or an impossible flight.
@@ -167,10 +168,10 @@ def flight_profile(given: Any) -> Profile:
     """
     if isinstance(given, str) and given in PROFILES:
         return PROFILES[given]
-    is_file = isinstance(given, (str, os.PathLike)) and Path(given).suffix.lower() in FLIGHT_FILES
+    is_file = isinstance(given, (str, os.PathLike)) and Path(given).suffix.lower() in (*FLIGHT_FILES, *TABLE_FILES)
     if not is_file and not isinstance(given, (Mapping, FlightPlan)):
-        raise unknown("profile", given, [*PROFILES, "a dict of a flight", "a YAML or JSON file"])
-    return replace(_SUN, what="a flight of one's own, with the sensors of sun2012", plan=FlightPlan.of(given))
+        raise unknown("profile", given, [*PROFILES, "a dict of a flight", "a YAML or JSON file", "a table of a track"])
+    return replace(_SUN, what="a flight of one's own, with the sensors of sun2012", plan=plan_of(given))
 
 
 def is_flight(name: str) -> bool:
