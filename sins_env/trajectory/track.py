@@ -120,9 +120,9 @@ class TrackPlan(FlightPlan):
     def of(cls, given: Any, folder: Path | None = None) -> TrackPlan:
         """Make a plan from the path of a CSV or NPZ table, or from a dict.
 
-        The dict has ``track``, a path or a dict of columns, and perhaps ``bank`` ("coordinated" or "level" turns), ``smooth_m``
-        (the standard deviation of the places, which are then not met exactly), ``earth``, and the place of the origin for columns
-        in metres.
+        The dict has ``track``, a path or a dict of columns. Columns in metres have their origin at ``latitude_deg``,
+        ``longitude_deg`` and ``height_m``. Turns have a ``bank``, "coordinated" or "level". With ``smooth_m``, the standard
+        deviation of the places, the motion passes beside them.
 
         Args:
             given: what is described above.

@@ -76,15 +76,13 @@ def _asked(found: Reached, of_family: bool) -> str:
 
 def _layers(one: Forecast, names: list[str]) -> list[tuple[str, list[int], Any]]:
     """Return the layers of the shares, the largest first: label, indices of sources, colour. The small ones are one layer."""
-    most = np.max([one.shares[name].max(axis=0) for name in names], axis=0)
-    late = np.max([one.shares[name][-1] for name in names], axis=0)
-    order = [int(s) for s in np.lexsort((-most, -late))]
-    large = [s for s in order if most[s] >= LEAST_SHARE][:MOST_SOURCES]
-    layers: list[tuple[str, list[int], Any]] = [
-        (one.sources[s], [s], COLOURS[i % (len(COLOURS) - 1)] if i < len(COLOURS) - 1 else "0.35")
-        for i, s in enumerate(large)
-    ]
+    shares = np.array([one.shares[name] for name in names])  # (quantities, times, sources)
+    order = np.argsort(-shares[:, -1].max(axis=0), kind="stable").tolist()
+    often = np.argsort(-shares.mean(axis=1).max(axis=0), kind="stable")[:MOST_SOURCES].tolist()
+    large = [s for s in order if s in often and shares[..., s].max() >= LEAST_SHARE]
     small = [s for s in order if s not in large]
+    colours = (*COLOURS[:-1], "0.35")
+    layers: list[tuple[str, list[int], Any]] = [(one.sources[s], [s], colours[i]) for i, s in enumerate(large)]
     return [*layers, ("all others", small, "0.8")] if small else layers
 
 
