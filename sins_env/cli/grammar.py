@@ -291,6 +291,19 @@ def _hold_against(verb: Verb) -> None:
     )
     sub.add_argument("--force", action="store_true", help="overwrite the mapping")
 
+    text = "the noise of an IMU, fitted to data at rest: a table, a figure, and a file that --imu takes"
+    sub = verb("allan", "verbs.allan:allan", text)
+    sub.add_argument("file", metavar="FILE", help="a recording at rest, or with a rest of a minute or more")
+    text = "start and length, s on the recording's clock (default: the longest rest)"
+    sub.add_argument("--window", type=float, nargs=2, metavar=("START", "LENGTH"), help=text)
+    text = "shortest averaging time of the fit, s: leaves out the vibration of the base"
+    sub.add_argument("--from", dest="least", type=positive, default=0.0, metavar="S", help=text)
+    sub.add_argument("--imu", metavar="SPEC", help=f"what does not show at rest, such as scale factors: {_SPEC}")
+    sub.add_argument("--out", metavar="FILE", help="write the specification, .yaml or .json")
+    sub.add_argument("--kalibr", metavar="FILE", help="write an IMU file of Kalibr")
+    sub.add_argument("--plot", metavar="FILE", help="draw the Allan deviations beside the specification")
+    _add_accept(sub)
+
     sub = verb("bench", "verbs.bench:bench", "speed of the whole chain and of its parts")
     sub.add_argument("solver", metavar="SOLVER", nargs="?", default="ckf", help=f"{_SOLVER} (default ckf)")
     sub.add_argument("--task", default="sway-white-v0", metavar="NAME", help="default sway-white-v0")

@@ -247,3 +247,12 @@ def read_sensor(path: Path) -> dict[str, Any]:
     if not found.keys() & KALIBR.keys():
         return found
     return {ours: found[name] for name, ours in KALIBR.items() if name in found}
+
+
+def to_kalibr(own: Mapping[str, float]) -> dict[str, float]:
+    """Return the values of a Kalibr file for the fields of an IMU; its random walks are those that begin like the biases."""
+    out = {}
+    for theirs, ours in KALIBR.items():
+        field, factor = _field(ours, own, "an IMU")
+        out[theirs] = own[field] / factor
+    return out

@@ -39,6 +39,7 @@ def allan_figure(
     rng: np.random.Generator | None = None,
     window: tuple[float, float] | None = None,
     datasheet: ImuSpec | None = None,
+    name: str = "datasheet",
 ) -> Figure:
     """Draw the Allan deviation of three gyros and three accelerometers, with 1-sigma bands, beside the datasheet.
 
@@ -48,6 +49,7 @@ def allan_figure(
         rng: generator of the simulation, needed for a spec.
         window: start and length in s of the part of a recording to show; None shows all of it.
         datasheet: spec of the recording's sensors, if it is known.
+        name: what the spec is, for the legend.
 
     Raises:
         ValueError: a spec without a generator, or a window outside the recording or over a gap.
@@ -65,10 +67,10 @@ def allan_figure(
     if datasheet is not None:
         budgets = expected_allan(datasheet, measured[0].tau, moving=isinstance(subject, Recording))
     units = (("gyros", "deg/h", DEG_PER_H), ("accelerometers", "ug", UG))
-    for ax, allan, budget, (name, unit, scale) in zip(axes, measured, budgets, units, strict=True):
-        _draw(ax, allan, budget, scale)
+    for ax, allan, budget, (kind, unit, scale) in zip(axes, measured, budgets, units, strict=True):
+        _draw(ax, allan, budget, scale, name)
         ax.set(
-            title=name,
+            title=kind,
             xlabel="averaging time, s",
             ylabel=f"Allan deviation, {unit}",
             xscale="log",
@@ -95,7 +97,7 @@ def _cut(recording: Recording, window: tuple[float, float] | None) -> tuple[Arra
     return dtheta, dvel
 
 
-def _draw(ax: Axes, allan: Allan, budget: Budget | None, scale: float) -> None:
+def _draw(ax: Axes, allan: Allan, budget: Budget | None, scale: float, whole: str) -> None:
     """Draw one panel; parts that are zero have no place on logarithmic axes and are left out."""
     if not allan.adev.any():
         ax.text(0.5, 0.5, "no errors", transform=ax.transAxes, ha="center")
@@ -110,7 +112,7 @@ def _draw(ax: Axes, allan: Allan, budget: Budget | None, scale: float) -> None:
         for part, (name, style) in zip(budget, parts, strict=True):
             if part.any():
                 ax.plot(allan.tau, part / scale, color="gray", ls=style, lw=1.0, label=name)
-        ax.plot(allan.tau, budget.total / scale, color="black", lw=1.4, label="datasheet", zorder=0)
+        ax.plot(allan.tau, budget.total / scale, color="black", lw=1.4, label=whole, zorder=0)
     ax.set_ylim(bottom=0.3 * allan.adev.min() / scale)  # parts far below the sum would only stretch the axis
     ax.legend(fontsize=8)
 
