@@ -50,9 +50,14 @@ from sins_env import moved as _moved
 from sins_env import registering as _registering
 
 if _TYPES:
+    from sins_env import tasks
+    from sins_env.evaluation.monte_carlo import evaluate
     from sins_env.evaluation.planning.family import bound
+    from sins_env.evaluation.score.paired import compare
+    from sins_env.evaluation.score.results import Results
     from sins_env.evaluation.solution.navigating import navigate
     from sins_env.evaluation.solution.solution import Solution
+    from sins_env.evaluation.store.results_file import ResultsFile as Store
     from sins_env.prior import Prior
     from sins_env.specs import GPS_PRESETS, IMU_PRESETS, GpsSpec, ImuSpec
     from sins_env.types import Estimator, NavState, Observation, Site, Task
@@ -67,17 +72,26 @@ __all__ = [
     "NavState",
     "Observation",
     "Prior",
+    "Results",
     "Site",
     "Solution",
+    "Store",
     "Task",
     "bound",
+    "compare",
+    "evaluate",
     "navigate",
+    "tasks",
 ]
 
 #: Modules of the public names. They are imported when a name is asked for, so that the command line can begin before.
 _MODULES = {
     "Prior": "prior",
+    "Results": "evaluation.score.results",
+    "Store": "evaluation.store.results_file:ResultsFile",
     "bound": "evaluation.planning.family",
+    "compare": "evaluation.score.paired",
+    "evaluate": "evaluation.monte_carlo",
     "Solution": "evaluation.solution.solution",
     "navigate": "evaluation.solution.navigating",
     **dict.fromkeys(("GPS_PRESETS", "IMU_PRESETS", "GpsSpec", "ImuSpec"), "specs"),
@@ -85,8 +99,9 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> _Any:
-    if name in __all__:
-        found = globals()[name] = getattr(_import(f"{__name__}.{_MODULES.get(name, 'types')}"), name)
+    if name in __all__ and name != "tasks":
+        module, _, other = _MODULES.get(name, "types").partition(":")
+        found = globals()[name] = getattr(_import(f"{__name__}.{module}"), other or name)
         return found
     if not name.startswith("_") and _find_spec(f"{__name__}.{name}"):
         return _import(f"{__name__}.{name}")

@@ -15,7 +15,7 @@ from sins_env.envs import ENV_IDS, environments
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "sins_env").rglob("*.py")) + sorted((ROOT / "solvers").rglob("*.py"))
 UNIX = ("fcntl",)  # not on every system
-SLOW = ("filterpy", "matplotlib", "numba", "scipy", "yaml")
+SLOW = ("IPython", "filterpy", "matplotlib", "numba", "scipy", "yaml")
 HEAVY = ("gymnasium", "matplotlib", "rich", "filterpy", "yaml", "scipy.special", "scipy.stats", "numba", "llvmlite")
 MAKE = "assert gymnasium.make('SINS/AlignSway-v0', start='told', duration=1.0).reset(seed=1)"
 

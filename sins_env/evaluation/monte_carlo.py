@@ -16,6 +16,7 @@ from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.speed.cost import cost_of
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask, run_numbers, suite_hash
+from sins_env.writing import notebook
 
 
 def evaluate(
@@ -51,7 +52,8 @@ def evaluate(
             which may hang or crash at the cost of the runs at fault only. None gives that to a stranger's solver, which is
             named as another package's or as ``module:Factory``, with 10 s, and 60 s for a first call. Infinity is no limit.
         cost: whether to measure the time of a step and its ratio to ckf; it is not measured if a run was lost.
-        progress: function called with the simulated seconds done and with their total, summed over runs.
+        progress: function called with the simulated seconds done and with their total, summed over runs. Without one a notebook
+            shows them.
         on_records: function called in this process with the records of each chunk when it ends. A KeyboardInterrupt
             does not undo it.
 
@@ -69,14 +71,15 @@ def evaluate(
     jobs = [Job(task, solver, part, given, seed, epoch_timeout_s) for part in chunks(wanted, chunk)]
     jobs[0].rngs()  # refuses a bad seed here rather than in a worker
     parts: list[Records] = []
+    name = finding.solver_name(solver)
+    shown = progress or notebook.line(f"{name} on {task.name}")
     with runner(executor, workers, len(jobs)) as where:
-        for _, records in played(jobs, where, progress):
+        for _, records in played(jobs, where, shown):
             parts.append(records)
             if on_records:
                 on_records(records)
         together = Records.concat(parts)
         measured = cost_of(jobs[0], where) if cost and not (together.status == "lost").any() else None
-    name = finding.solver_name(solver)
     return Results(task, name, given, suite_hash(task, seed), together, measured)
 
 

@@ -21,7 +21,7 @@ SCORING = ("tasks", "estimators", "play", "bound")
 DEFINITIONS = "evaluation/tasks/suite"
 
 #: Packages that compute, so that a score may depend on their versions.
-COMPUTING = ("numpy", "scipy", "numba")
+COMPUTING: tuple[str, ...] = ("numpy", "scipy", "numba")
 
 
 def packages(names: Iterable[str]) -> dict[str, str]:

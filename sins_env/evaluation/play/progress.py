@@ -1,4 +1,4 @@
-"""Progress bar with rate and time left, on standard error; nothing is shown if that is not a terminal."""
+"""Progress bar with rate and time left, on standard error, or a line in a notebook; nothing is shown elsewhere."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, ProgressColumn, Task
 from rich.table import Column
 from rich.text import Text
+
+from sins_env.writing import notebook
 
 BAR_LEAST, BAR_MOST = 6, 24  #: least and most characters of the bar
 #: Characters of each part with a space: "100%", "12,345x", "0:12:34 left", "0:12:34", "azimuth -123.456 deg".
@@ -75,6 +77,7 @@ class Bar:
             _Cell(_left, "cyan"),
             *([_Cell(lambda task: task.fields["note"])] if note else []),
         ]
+        self._line = notebook.line(label)
         hidden = not console.is_terminal
         self._progress = Progress(*columns, console=console, transient=True, disable=hidden, get_time=clock)
         self._task = self._progress.add_task(label, total=total, note="")
@@ -94,3 +97,5 @@ class Bar:
     def update(self, done: float | None = None, total: float | None = None, note: str = "") -> None:
         """Show the work done and its total; None leaves a number as it is."""
         self._progress.update(self._task, completed=done, total=total, note=note)
+        if self._line:
+            self._line(done, total, note)

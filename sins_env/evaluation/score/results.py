@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from html import escape
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from sins_env.arrays import Array
 from sins_env.evaluation.bound import bounds
 from sins_env.evaluation.bound.bounds import Bound
-from sins_env.evaluation.play.records import Records
+from sins_env.evaluation.play.records import FIELDS, Records
 from sins_env.evaluation.score.headline import bound_of, cap_of, error_of_run, failed_runs, headline
 from sins_env.evaluation.score.metrics import Summary, bound_ratios, summaries
 from sins_env.evaluation.score.navigation import bound_means
@@ -146,6 +147,43 @@ class Results:
         """Name of the solver with its settings, for tables and figures."""
         given = ", ".join(f"{name}={value}" for name, value in sorted(self.settings.items()))
         return f"{self.solver} ({given})" if given else self.solver
+
+    def row(self) -> dict[str, Any]:
+        """Return what matters most as plain values: task, solver, runs, failed runs, and the score with interval and bound."""
+        score = self.main_score
+        return {
+            "task": self.task.name,
+            "solver": self.label,
+            "runs": len(self.records.run),
+            "failed": int(np.count_nonzero(self.entry.failed)),
+            score.name: float(score.value),
+            "low": float(score.interval[0]),
+            "high": float(score.interval[1]),
+            "unit": score.unit,
+            "bound": float(score.bound),
+        }
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a plain dict for each run, with its number and all that was scored, in rad, m/s, m and s; no histories.
+
+        A table is made of it as it is: ``pandas.DataFrame(results.rows())``.
+        """
+        kept = [one for one in FIELDS.values() if one.kind != "curve"]
+        return [
+            {
+                heading: value.item() if isinstance(value, np.generic) else value
+                for one in kept
+                for heading, value in zip(one.headings, np.atleast_1d(run[one.name]), strict=False)
+            }
+            for run in map(self.records.row, range(len(self.records)))
+        ]
+
+    def _repr_html_(self) -> str:
+        shown = (
+            (name, f"{value:.4g}" if isinstance(value, float) else str(value)) for name, value in self.row().items()
+        )
+        cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in shown)
+        return f"<table>{cells}</table>"
 
     def __repr__(self) -> str:
         return f"<Results of {self.label} on {self.task.name}: {len(self.records.run)} runs>"
