@@ -10,6 +10,7 @@ from rich.console import Console
 from sins_env import earth, recordings
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.show.style import titled
+from sins_env.reading.files import following
 from sins_env.recordings import first_few, seconds
 from sins_env.specs import ImuSpec
 from sins_env.units import DEG_PER_H
@@ -23,7 +24,7 @@ def is_recording(name: str) -> bool:
 
 def describe_recording(name: str, console: Console, imu: ImuSpec | None = None) -> bool:
     """Print the contents of a recording; ``imu`` is what is told of its sensors."""
-    with Bar(f"reading {name}"):
+    with Bar(f"reading {name}", total=1.0) as bar, following(bar.update):
         recording = recordings.load(name, accept=recordings.REFUSING)
         found, against = recordings.summarise(recording), recordings.findings(recording)
         north = recordings.north(recording, imu)

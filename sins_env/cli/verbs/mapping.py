@@ -11,6 +11,7 @@ from rich.console import Console
 from sins_env.cli.output import remark
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.show.style import titled
+from sins_env.reading.files import following
 from sins_env.recordings.file_format import unpacked_name
 from sins_env.recordings.guessing import Known, guess
 from sins_env.writing.files import replacing
@@ -28,7 +29,7 @@ def write_mapping(given: Namespace, console: Console) -> int:
     if target.exists() and not given.force:
         raise FileExistsError(f"{target} exists already; allowed: --out with another name, or --force")
     site = None if given.site is None else tuple(given.site)
-    with Bar(f"reading {path}"):
+    with Bar(f"reading {path}", total=1.0) as bar, following(bar.update):
         found = guess(path, Known(site, given.axes, given.rate, given.gnss))
     table = titled(f"{path.name}: {target.name}")
     for name in ("key", "guess", "because"):

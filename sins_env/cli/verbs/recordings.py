@@ -19,6 +19,7 @@ from sins_env.evaluation.replay.angles_figure import replay_figure
 from sins_env.evaluation.replay.track_figure import track_figure
 from sins_env.evaluation.solution import files
 from sins_env.evaluation.solution.solution import Solution
+from sins_env.reading.files import following
 from sins_env.specs import imu_spec
 from sins_env.worlds.replay_settings import ReplaySettings
 
@@ -27,7 +28,7 @@ def convert(given: Namespace, console: Console) -> int:
     """Convert a recording; print the files written, gaps, and parts that the format has no place for."""
     target = Path(given.target)
     kind = given.to or recordings.format_of(target)
-    with Bar(f"{given.source} to {given.target}"):
+    with Bar(f"{given.source} to {given.target}", total=1.0) as bar, following(bar.update):
         recording = recordings.load(
             given.source,
             format=given.format,
