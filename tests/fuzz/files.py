@@ -17,6 +17,7 @@ from fuzz.kind import folder, kind, put
 from fuzz.outcome import attempt, check_finite
 from fuzz.values import as_bytes, byte_edits, edited_bytes, edited_mapping, edited_text, mapping_edits, some, text_edits
 from sins_env import recordings
+from sins_env.recordings.guessing import guess
 
 
 @cache
@@ -45,10 +46,43 @@ def base() -> dict[str, dict[str, bytes]]:
     for name in ("npz", "counts", "increments"):
         found[f"{name} compressed"] = {"x.npz": zipped(arrays(name), np.savez_compressed)}
     variables = matlab()
+    found |= foreign()
     for name, more in (("plain", {}), ("v4", {"format": "4"})):
         found[f"mat {name}"] = {"x.mat": saved(variables, **more)}
     found["mat trj"] = {"x.mat": saved({"trj": variables})}
     return found
+
+
+def foreign() -> dict[str, dict[str, bytes]]:
+    """Return a NovAtel log, a KF-GINS text with the fixes of RTKLIB, and one table of dates with fixes in some rows."""
+    whole = {"axes": "RFU", "site": [48.1, 11.6, 520.0]}
+    log, rows, one = [], [], ["# t, wx, wy, wz, ax, ay, az, lat, lon, h"]
+    for k in range(1, 200):
+        log.append(f"%RAWIMUSXA,2100,{k / 10:.1f};00,26,2100,{k / 10:.1f},77,49000000,{k % 7},-3,{k % 5},9,-8*00")
+        rows.append(f"{k / 10:.1f} 0.001 0.002 0.003 0,1 0.2 -0.98".replace(",", "."))
+        fix = "48.1, 11.6, 520" if k % 10 == 0 else ", ,"
+        one.append(f"2026-06-01T10:00:{k / 10:04.1f}Z, 0.01, 0.02, {k % 7}.D-3, 0.1, 0.2, 9.81, {fix}")
+    fixes = [
+        "% GPST latitude(deg) longitude(deg) height(m) Q ns sdn(m) sde(m) sdu(m) sdne(m) sdeu(m) sdun(m) age(s) ratio"
+    ]
+    fixes += [f"2020/04/05 00:00:{k:02d}.000 48.1 11.6 520 1 9 1 1 2 0 0 0 0 9" for k in range(1, 19)]
+    gnss = {"time": {"column": 1}, "position": {"columns": [8, 9, 10]}}
+    table = {
+        **whole,
+        "time": {"column": "t"},
+        "gyro": {"columns": ["wx", "wy", "wz"], "unit": "rad/s"},
+        "accel": {"columns": [5, 6, 7], "unit": "m/s2"},
+        "gnss": gnss,
+    }
+
+    def text(lines: list[str]) -> bytes:
+        return ("\n".join(lines) + "\n").encode()
+
+    return {
+        "novatel": {"x.asc": text(log), "x.json": json.dumps(whole).encode()},
+        "rtklib": {"x.txt": text(rows), "x.pos": text(fixes), "x.json": b'{"gnss": "x.pos"}'},
+        "one table": {"x.csv": text(one), "x.json": json.dumps(table).encode()},
+    }
 
 
 def zipped(given: dict[str, Any], save: Any = np.savez) -> bytes:
@@ -180,7 +214,7 @@ def mat_arrays(example: Any) -> str:
     return loaded(put("f.mat", saving(matlab(), example, saved)))
 
 
-TEXTS = ("csv", "kfgins", "psins-imu")
+TEXTS = ("csv", "kfgins", "psins-imu", "novatel", "rtklib", "one table")
 which_text = st.tuples(st.sampled_from(TEXTS), some)
 
 
@@ -204,7 +238,20 @@ def text_bytes(example: Any) -> str:
     return loaded(changed(form, which, lambda name, data: edited_bytes(data, edits)))
 
 
-@kind("mappings", st.tuples(st.sampled_from(["csv", "kfgins"]), mapping_edits), share=10, slice=60, prepare=base)
+@kind("map", st.tuples(st.sampled_from(("csv", "kfgins", "one table")), text_edits), share=3, slice=12, prepare=base)
+def first_mappings(example: Any) -> str:
+    form, edits = example
+    path = changed(form, 0, lambda name, data: as_bytes(edited_text(data.decode(), edits)))
+    return attempt(lambda: guess(path), (path.stem,))
+
+
+@kind(
+    "mappings",
+    st.tuples(st.sampled_from(["csv", "kfgins", "one table", "novatel"]), mapping_edits),
+    share=10,
+    slice=60,
+    prepare=base,
+)
 def mappings(example: Any) -> str:
     form, edits = example
 
