@@ -136,7 +136,7 @@ def assemble(
     Raises:
         ValueError: fixes or a reference on another clock, or no place on the Earth.
     """
-    t0, rate, dtheta, dvel = clock
+    t0, rate, dtheta, dvel = clock[:4]
     end = t0 + len(dtheta) / rate
     if gnss is not None:
         check_overlap(path, "fixes", gnss.t_s, t0, end)
@@ -155,4 +155,5 @@ def assemble(
             f"{path}: no place on the earth; allowed: site, gnss or reference in a mapping, for instance "
             f'{path.stem}.json with {{"site": [latitude deg, longitude deg, height m]}}'
         )
-    return Recording(path.stem, rate, t0, dtheta, dvel, site(pos), gnss, lever, reference)
+    more = (gnss, lever, reference, None, clock.stamping, clock.scale)
+    return Recording(path.stem, rate, t0, dtheta, dvel, site(pos), *more)

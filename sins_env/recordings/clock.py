@@ -1,4 +1,4 @@
-"""The uniform clock of a recording: its rate, gaps, stamps that repeat or run back, and resampling on demand."""
+"""The uniform clock of a recording: its rate, gaps, stamps that jitter, repeat or run back, and resampling on demand."""
 
 from __future__ import annotations
 
@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 
 from sins_env.arrays import Array
 from sins_env.checks import refused
-from sins_env.recordings.recording import Recording, first_few, frozen, seconds
+from sins_env.recordings.recording import Recording, Stamping, frozen, seconds
+from sins_env.recordings.stamps.places import CRYSTAL, Places, fitted
+from sins_env.recordings.stamps.wraps import check_increasing, counted, increasing, unrolled
 
 GAP = 1.5  #: shortest step between stamps, in samples, that means missing samples
 JITTER = 0.2  #: largest difference, in samples, between the sum of two steps and two samples for a jittering stamp
-CRYSTAL = 1e-4  #: largest relative error of an oscillator that is meant to run at a whole number of Hz
+EVEN = 0.05  #: largest RMS of stamps about their places, in samples, that is rounding and no jitter
+LEAST_FITTED, MOST_BACK = 20, 0.5  #: fewest samples for a fitted clock; longest step back, in samples, that is jitter
 FINEST = 1000  #: most new samples for each old one when a recording is resampled
 WHOLE_HZ = 0.25  #: largest distance of stamps, in samples, from the clock of a whole number of Hz
 
@@ -34,6 +37,9 @@ class Samples:
     gyro_rates: bool = False  #: whether ``dtheta`` holds rates
     accel_rates: bool = False  #: whether ``dvel`` holds specific force
     trapezoid: bool = False  #: whether rates are values at the stamps, and not means over the sample
+    counter: Array | None = None  #: (n,) counter of the device, which may wrap; it tells which samples are missing
+    tick_s: float = 1.0  #: unit in which the file counts time, s; a counter of ticks may be full
+    scale: str | None = None  #: "gps" if the stamps are absolute, seconds of GPS time since 1980-01-06
 
 
 class Clocked(NamedTuple):
@@ -43,6 +49,8 @@ class Clocked(NamedTuple):
     rate_hz: float
     dtheta: Array  #: (N, 3) angle increments, rad
     dvel: Array  #: (N, 3) velocity increments, m/s
+    stamping: Stamping | None = None  #: how the stamps lay about the clock
+    scale: str | None = None  #: "gps" if times are absolute
 
 
 def clocked(
@@ -50,53 +58,98 @@ def clocked(
 ) -> Clocked:
     """Put samples on a uniform clock of ``rate_hz``, or resample them to ``resample_hz``.
 
-    ``rate_hz`` None takes the rate that fits the stamps.
+    ``rate_hz`` None takes the rate that fits the stamps. Stamps that jitter about a uniform clock, as hosts write them,
+    are evened out. A counter tells which samples are missing; without one the stamps do.
 
     Raises:
         ValueError: stamps that repeat (unless they are to be dropped), run back, or fit no uniform clock.
     """
+    samples = replace(samples, t=unrolled(samples.t, samples.tick_s))
+    whole = len(samples.t)
+    found = _on_clock(samples, rate_hz)
+    if found is None and drop_duplicates:
+        samples = _each_once(samples)
+        found = _on_clock(samples, rate_hz)
+    dropped = whole - len(samples.t)
     step = f" by one sample of {rate_hz:g} Hz" if rate_hz else ""
-    samples = _increasing(samples, drop_duplicates, step)
+    if found is None:
+        check_increasing(samples.path, samples.name, samples.place, samples.t, False, step)
+        rate = rate_hz or fitted_rate(samples)
+        if resample_hz is None:
+            sample_index(samples, rate)
+            raise AssertionError("unreachable")
+        return _resampled(samples, samples.t, rate, resample_hz, Stamping(0.0, 0.0, 1, False, dropped))
+    places, evened = found
+    stamping = Stamping(places.jitter_s, places.worst_s, places.batch, evened, dropped)
+    if resample_hz is not None:
+        return _resampled(samples, places.ends if evened else samples.t, places.rate_hz, resample_hz, stamping)
+    index, rate = places.index, places.rate_hz
+    samples = _integrated(samples, np.diff(index, prepend=index[0] - 1) / rate, 1 / rate)
+    grid = (on_grid(index, samples.dtheta), on_grid(index, samples.dvel))
+    return Clocked(places.begin, rate, *grid, stamping, samples.scale)
+
+
+def _resampled(samples: Samples, t: Array, rate: float, hz: float, stamping: Stamping) -> Clocked:
+    samples = _integrated(samples, np.diff(t, prepend=t[0] - 1 / rate), 1 / rate)
+    new = resampled(t, np.hstack([samples.dtheta, samples.dvel]), rate, hz)
+    return new._replace(stamping=stamping, scale=samples.scale)
+
+
+def _on_clock(samples: Samples, rate_hz: float | None) -> tuple[Places, bool] | None:
+    """Return the places of samples, and whether jitter was evened out; None if they belong to no uniform clock."""
+    t = samples.t
+    if samples.counter is not None:
+        index = counted(samples.counter)
+        found = fitted(t, rate_hz, index, counted=True)
+        if found is None:
+            raise ValueError(
+                f"{samples.path}: {samples.name} does not follow the counter; allowed: the counter of the samples, the "
+                "rate that fits both, or a mapping without the counter"
+            )
+        return found, found.jitter_s * found.rate_hz > EVEN
+    regular = _regular(samples, rate_hz) if (np.diff(t) > 0).all() else None
+    if regular is not None and regular.jitter_s * regular.rate_hz <= EVEN:
+        return regular, False
+    if len(t) >= LEAST_FITTED and not _mostly_copies(samples):
+        starts = [None] if regular is None else [regular.index, None]
+        for start in starts:
+            found = fitted(t, rate_hz, start)
+            if (
+                found is not None
+                and np.diff(t).min() * found.rate_hz > -MOST_BACK
+                and found.index[-1] < 2 * len(t)
+            ):
+                return found, True
+    return None if regular is None else (regular, False)
+
+
+def _regular(samples: Samples, rate_hz: float | None) -> Places | None:
+    """Return the places of stamps that lie near a uniform clock which begins at the first one; None if they do not."""
     rate = rate_hz or fitted_rate(samples)
-    if resample_hz is None:
+    try:
         index = sample_index(samples, rate)
-        samples = _integrated(samples, np.diff(index, prepend=index[0] - 1) / rate, 1 / rate)
-        return Clocked(
-            float(samples.t[0]) - 1 / rate, rate, on_grid(index, samples.dtheta), on_grid(index, samples.dvel)
-        )
-    samples = _integrated(samples, np.diff(samples.t, prepend=samples.t[0] - 1 / rate), 1 / rate)
-    return resampled(samples.t, np.hstack([samples.dtheta, samples.dvel]), rate, resample_hz)
+    except ValueError:
+        return None
+    off = samples.t - samples.t[0] - index / rate
+    off = off - np.median(off)
+    jitter, worst = float(np.sqrt(np.mean(off * off))), float(np.abs(off).max())
+    return Places(index, rate, float(samples.t[0]) - 1 / rate, jitter, worst, 1)
 
 
-def check_increasing(
-    path: str, name: str, place: Callable[[int], str], t: Array, drop: bool = False, step: str = ""
-) -> None:
-    """Check that stamps increase.
-
-    Raises:
-        ValueError: stamps that run back, or that repeat unless ``drop``; the error has their times.
-    """
-    back = np.flatnonzero(np.diff(t) < 0)
-    if len(back):
-        i = int(back[0])
-        week = "; a new GPS week?" if t[i] - t[i + 1] > 604_000 else ""
-        times = f"{seconds(t[i + 1])} s after {seconds(t[i])} s{week}"
-        raise ValueError(f"{path}: {name} does not increase{step} at {place(i + 1)}: {times}")
-    same = np.flatnonzero(np.diff(t) == 0) + 1
-    if len(same) and not drop:
-        first, many = place(int(same[0])), len(same) > 1
-        listed = first_few([f"{seconds(t[i])} s" for i in same[:6]] + [""] * (len(same) - 6))
-        raise ValueError(
-            f"{path}: {name} does not increase{step} at {first}: {len(same)} repeated stamp{'s' * many}, {listed}; allowed: "
-            "each stamp once, or drop_duplicates, which keeps the first sample of each"
-        )
+def _same_stamp(samples: Samples) -> NDArray[np.int64]:
+    return np.flatnonzero(np.diff(samples.t) == 0) + 1
 
 
-def _increasing(samples: Samples, drop: bool, step: str) -> Samples:
-    check_increasing(samples.path, samples.name, samples.place, samples.t, drop, step)
-    keep = np.concatenate([[0], np.flatnonzero(np.diff(samples.t) > 0) + 1])
-    if len(keep) == len(samples.t):
-        return samples
+def _mostly_copies(samples: Samples) -> bool:
+    """Return whether most samples with the stamp of the one before have its values, too: rows that were written twice."""
+    same = _same_stamp(samples)
+    copies = [(values[same] == values[same - 1]).all(axis=1) for values in (samples.dtheta, samples.dvel)]
+    return bool(len(same)) and float((copies[0] & copies[1]).mean()) > 0.5
+
+
+def _each_once(samples: Samples) -> Samples:
+    """Return the samples without those that have the stamp of the one before."""
+    keep = np.delete(np.arange(len(samples.t)), _same_stamp(samples))
     return replace(
         samples,
         t=samples.t[keep],
@@ -117,7 +170,10 @@ def fitted_rate(samples: Samples) -> float:
     t = samples.t
     if len(t) < 2:
         raise ValueError(f"{samples.path}: {len(t)} sample; allowed: at least 2, or the rate given")
-    steps = np.concatenate([[0.0], np.cumsum(np.rint(np.diff(t) / np.median(np.diff(t))))])
+    usual = np.median(np.diff(t))
+    if not usual > 0:
+        return float((len(t) - 1) / max(t[-1] - t[0], 1e-300))
+    steps = np.concatenate([[0.0], np.cumsum(np.rint(np.diff(t) / usual))])
     rate = float(steps[-1] / (t[-1] - t[0]))
     whole = float(round(rate))
     scatter, of_whole = (np.ptp((t - t[0]) * hz - steps) for hz in (rate, whole))
@@ -245,4 +301,4 @@ def resample(recording: Recording, hz: float) -> Recording:
     here = np.flatnonzero(~recording.missing)
     t = recording.t0 + (here + 1) / recording.rate_hz
     new = resampled(t, np.hstack([recording.dtheta[here], recording.dvel[here]]), recording.rate_hz, hz)
-    return replace(recording, t0=new.t0, rate_hz=new.rate_hz, dtheta=new.dtheta, dvel=new.dvel)
+    return replace(recording, t0=new.t0, rate_hz=new.rate_hz, dtheta=new.dtheta, dvel=new.dvel, bridged=())

@@ -19,6 +19,7 @@ COMMON_KEYS = (
     "drop_null_fixes",
     "drop_held_fixes",
     "fix_shift_s",
+    "bridge_s",
     "accept",
 )
 #: Keys of formats whose files do not state the place of the recording.

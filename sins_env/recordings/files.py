@@ -21,6 +21,7 @@ from sins_env.recordings.findings.mending import with_mended_fixes
 from sins_env.recordings.formats import FORMATS
 from sins_env.recordings.mapping import MOST_NAME, Mapping, companion, read_mapping, to_mapping
 from sins_env.recordings.recording import Recording
+from sins_env.recordings.stamps.bridging import bridged, unbridged
 
 DATA_VARIABLE = "SINS_ENV_DATA"  #: environment variable with the folder in which recordings are sought, too
 
@@ -140,6 +141,7 @@ def _load(path: Path, kind: str, mapping: str, stamps: tuple[int, ...]) -> Recor
     recording = with_mended_fixes(FORMATS[kind].load(path, told), told)
     check_plausible(path, recording.rate_hz, recording.dtheta, recording.dvel)
     check_ranges(path, recording)
+    recording = bridged(recording, told.bridge_s)
     check_findings(findings(recording), told.accept)
     return recording
 
@@ -169,7 +171,7 @@ def save(
     there = [file for file in _targets(recording, where, kind) if file.exists()]
     if there and not overwrite:
         raise FileExistsError(f"{', '.join(map(str, there))} exists already; allowed: another name, or to overwrite it")
-    return write(recording, where)
+    return write(unbridged(recording), where)
 
 
 def _targets(recording: Recording, path: Path, kind: str) -> list[Path]:

@@ -1,6 +1,6 @@
 """Mapping files: small JSON files that say what a recording's own files do not.
 
-Any format takes ``axes``, ``rate_hz``, ``resample_hz`` and ``drop_duplicates``. Any takes what mends its fixes
+Any format takes ``axes``, ``rate_hz``, ``resample_hz``, ``drop_duplicates`` and ``bridge_s``. Any takes what mends its fixes
 (``drop_null_fixes``, ``drop_held_fixes``, ``fix_shift_s``) and ``accept``, names of findings with which the recording is
 taken as it is. Text formats also take ``site``, ``lever_arm_m``, ``gnss`` and ``reference``. A CSV needs columns and units, too::
 
@@ -31,6 +31,7 @@ from sins_env.checks import build
 from sins_env.reading.documents import read_document
 from sins_env.recordings.axes import to_rfu
 from sins_env.recordings.findings.finding import REFUSING
+from sins_env.recordings.stamps.bridging import BRIDGE_S, MOST_BRIDGE_S
 from sins_env.recordings.text.style import COMMENTS, Style
 
 MOST_SHIFT_S = 1e9  #: largest shift of the stamps of the fixes, s
@@ -72,6 +73,7 @@ class Mapping:
     drop_null_fixes: bool = False  #: leaves out fixes at latitude 0 and longitude 0, or below all land
     drop_held_fixes: bool = False  #: leaves out fixes that only repeat the one before
     fix_shift_s: float = 0.0  #: number of seconds that the stamps of the fixes are moved by
+    bridge_s: float = BRIDGE_S  #: longest gap between samples that interpolated increments fill, s
     accept: tuple[str, ...] = ()  #: names of findings with which the recording is taken as it is
 
     def __post_init__(self) -> None:
@@ -91,6 +93,8 @@ class Mapping:
                 set_(self, name, checks.numbers(name, given, 3, allowed))
         for name in ("drop_duplicates", "velocity_from_positions", "drop_null_fixes", "drop_held_fixes"):
             checks.flag(name, getattr(self, name))
+        bridge = f"a number of seconds, 0 to {MOST_BRIDGE_S:g}"
+        set_(self, "bridge_s", checks.number("bridge_s", self.bridge_s, bridge, least=0.0, most=MOST_BRIDGE_S))
         shift = "a number of seconds"
         set_(
             self,

@@ -58,6 +58,16 @@ class Gap(NamedTuple):
         return f"{seconds(self.start)} to {seconds(self.end)} s ({self.samples} samples)"
 
 
+class Stamping(NamedTuple):
+    """How the stamps of the samples lay about the uniform clock."""
+
+    jitter_s: float  #: RMS of the stamps about the clock, s
+    worst_s: float  #: largest distance of a stamp from the clock, s
+    batch: int  #: usual number of samples that share a stamp; 1 without batches
+    evened: bool  #: whether the samples were put at their places on the fitted clock
+    dropped: int  #: number of samples with a repeated stamp that were left out
+
+
 @dataclass(frozen=True, eq=False)
 class Recording:
     """A recording. Sample k covers (t0 + k / rate_hz, t0 + (k + 1) / rate_hz]; arrays are shared and read-only."""
@@ -72,6 +82,9 @@ class Recording:
     lever_arm: Array | None = None  #: (3,) from the IMU to the antenna, Right, Forward, Up, m
     reference: Reference | None = None
     displacements: Displacements | None = None
+    stamping: Stamping | None = None  #: how the stamps of the file lay about the clock; None for a file without stamps
+    scale: str | None = None  #: "gps" if times are absolute, seconds of GPS time since 1980-01-06; None if unknown
+    bridged: tuple[Gap, ...] = ()  #: gaps that are filled with interpolated increments
 
     @property
     def end(self) -> float:

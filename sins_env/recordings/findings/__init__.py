@@ -3,7 +3,7 @@
 A :class:`Recording` comes in. Findings go out, each with a name, the measured value beside its limit, a time span and what
 would explain it. A finding that makes results wrong refuses the recording unless its name is accepted; others are warnings.
 
-Read ``finding``, then the checks: ``fixes``, ``inertial``, ``course``, ``together``, ``reference``. A new one is a function
+Read ``finding``, then the checks: ``time``, ``fixes``, ``inertial``, ``course``, ``together``, ``reference``. A new one is a function
 in ``CHECKS``.
 """
 
@@ -12,12 +12,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 
-from sins_env.recordings.findings import fixes, inertial, reference, together
+from sins_env.recordings.findings import fixes, inertial, reference, time, together
 from sins_env.recordings.findings.finding import REFUSING, Check, Finding
 from sins_env.recordings.recording import Recording
 
 #: The checks, in the order in which findings are told.
 CHECKS: tuple[Check, ...] = (
+    time.jitter,
+    time.repeated_stamps,
+    time.bridged_gaps,
     fixes.null_fixes,
     fixes.held_fixes,
     fixes.positions_and_velocities,

@@ -149,8 +149,8 @@ def _increments(file: _File, axes: str, mapping: Mapping) -> Recording:
     t = file.times("gnss_t_imu_s")
     gnss = Gnss(t, file.array("gnss_vel_enu_mps", (len(t), 3)), file.positions("gnss_llh_deg_m", len(t)))
     lever = turn @ file.array("lever_arm_est_body_m", (3,)) if "lever_arm_est_body_m" in file.keys else None
-    t0, rate, dtheta, dvel = clock
-    parts = (gnss, lever, _reference(file, turn), _displacements(file))
+    t0, rate, dtheta, dvel = clock[:4]
+    parts = (gnss, lever, _reference(file, turn), _displacements(file), clock.stamping)
     return Recording(file.path.stem, rate, t0, dtheta, dvel, site(gnss.pos[0]), *parts)
 
 
