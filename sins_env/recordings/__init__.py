@@ -11,9 +11,10 @@ reference in the frames of this package.
     save(recording, "drive.txt")             the format of the ending
 
 Increments are Right-Forward-Up on one uniform clock. Stamps that jitter about it are evened out, gaps of up to 0.1 s are
-bridged and told, longer ones stay gaps (NaN), and nothing is resampled without being asked. Stamps that run back, impossible units, and files of the wrong form are one clear error. It has the file, the
-line or sample, what is there and what is allowed. Each recording is checked against itself when it is read
-(``findings``): what would make results wrong is refused.
+bridged and told, longer ones stay gaps (NaN), and nothing is resampled without being asked. Stamps that run back,
+impossible units, and files of the wrong form are one clear error. It has the file, the line or sample, what is there and
+what is allowed. Each recording is checked against itself when it is read (``findings``): what would make results wrong is
+refused.
 
 Read ``recording``, ``files``, ``formats``; then ``mapping``, ``text``, ``columns``, ``times``, ``axes``, ``column_units``,
 ``stamps``, ``clock``, ``assembling``, ``findings``; then what uses a recording: ``interpolation``, ``summary``. ``guessing`` makes a

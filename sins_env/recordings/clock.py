@@ -14,7 +14,7 @@ from sins_env.arrays import Array
 from sins_env.checks import refused
 from sins_env.recordings.recording import Recording, Stamping, frozen, seconds
 from sins_env.recordings.stamps.places import CRYSTAL, Places, fitted
-from sins_env.recordings.stamps.wraps import check_increasing, counted, increasing, unrolled
+from sins_env.recordings.stamps.wraps import check_increasing, counted, unrolled
 
 GAP = 1.5  #: shortest step between stamps, in samples, that means missing samples
 JITTER = 0.2  #: largest difference, in samples, between the sum of two steps and two samples for a jittering stamp
@@ -83,7 +83,7 @@ def clocked(
     stamping = Stamping(places.jitter_s, places.worst_s, places.batch, evened, dropped)
     if resample_hz is not None:
         return _resampled(samples, places.ends if evened else samples.t, places.rate_hz, resample_hz, stamping)
-    index, rate = places.index, places.rate_hz
+    index, rate = places.place, places.rate_hz
     samples = _integrated(samples, np.diff(index, prepend=index[0] - 1) / rate, 1 / rate)
     grid = (on_grid(index, samples.dtheta), on_grid(index, samples.dvel))
     return Clocked(places.begin, rate, *grid, stamping, samples.scale)
@@ -111,14 +111,10 @@ def _on_clock(samples: Samples, rate_hz: float | None) -> tuple[Places, bool] | 
     if regular is not None and regular.jitter_s * regular.rate_hz <= EVEN:
         return regular, False
     if len(t) >= LEAST_FITTED and not _mostly_copies(samples):
-        starts = [None] if regular is None else [regular.index, None]
+        starts = [None] if regular is None else [regular.place, None]
         for start in starts:
             found = fitted(t, rate_hz, start)
-            if (
-                found is not None
-                and np.diff(t).min() * found.rate_hz > -MOST_BACK
-                and found.index[-1] < 2 * len(t)
-            ):
+            if found is not None and np.diff(t).min() * found.rate_hz > -MOST_BACK and found.place[-1] < 2 * len(t):
                 return found, True
     return None if regular is None else (regular, False)
 

@@ -67,7 +67,7 @@ class Summary:
 
     force: tuple[float, float, float]  #: least, median and largest mean over a second of |f|, m/s^2
     rate: tuple[float, float, float]  #: the same of |w|, rad/s
-    gaps: list[Gap]
+    gaps: list[Gap]  #: gaps of the file, with those that are bridged
     fix_rate_hz: float | None
     fix_gaps: list[Gap]
     reference_rate_hz: float | None
@@ -93,7 +93,7 @@ def summarise(recording: Recording) -> Summary:
     return Summary(
         _range(force),
         _range(turn),
-        recording.gaps,
+        sorted([*recording.gaps, *recording.bridged]),
         None if fix_step is None else 1.0 / fix_step,
         [] if gnss is None or fix_step is None else _missing(gnss.t_s, fix_step),
         None if ref is None or len(ref.t_s) < 2 else float(1.0 / np.median(np.diff(ref.t_s))),

@@ -37,6 +37,7 @@ def convert(given: Namespace, console: Console) -> int:
             resample_hz=given.resample,
             drop_duplicates=given.drop_duplicates or None,
             velocity_from_positions=given.velocity_from_positions or None,
+            bridge_s=0.0,
             accept=given.accept or None,
         )
         written = recordings.save(recording, target, format=kind, overwrite=given.force)

@@ -3,8 +3,8 @@
 A :class:`Recording` comes in. Findings go out, each with a name, the measured value beside its limit, a time span and what
 would explain it. A finding that makes results wrong refuses the recording unless its name is accepted; others are warnings.
 
-Read ``finding``, then the checks: ``time``, ``fixes``, ``inertial``, ``course``, ``together``, ``reference``. A new one is a function
-in ``CHECKS``.
+Read ``finding``, then the checks: ``time``, ``fixes``, ``inertial``, ``course``, ``together``, ``reference``. A new one is
+a function in ``CHECKS``.
 """
 
 from __future__ import annotations

@@ -88,9 +88,7 @@ def load(path: Path, mapping: Mapping) -> Recording:
     pos = geodetic(path, "latitude, longitude, height", lambda i: table.place(1), place[None, :3])[0]
     if mapping.site is not None:
         pos = geodetic(path, "site", lambda i: "its mapping", np.array([mapping.site]))[0]
-    return Recording(
-        path.stem, clock.rate_hz, clock.t0, clock.dtheta, clock.dvel, site(pos), stamping=clock.stamping
-    )
+    return Recording(path.stem, clock.rate_hz, clock.t0, clock.dtheta, clock.dvel, site(pos), stamping=clock.stamping)
 
 
 def save(recording: Recording, path: Path) -> list[Path]:

@@ -7,6 +7,7 @@ after a delay. Medians before and after each sample tell both apart; a robust li
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,10 @@ Index = NDArray[np.int64]
 
 CRYSTAL = 1e-4  #: largest relative error of an oscillator that is meant to run at a whole number of Hz
 NOMINAL = 1e-3  #: largest relative difference of the rate from the one told, which is then the nominal one
-TOGETHER, BATCHED = 0.25, 0.3  #: step, in samples, within one batch; share of such steps from which on stamps come in batches
+TOGETHER, BATCHED = (
+    0.25,
+    0.3,
+)  #: step, in samples, within one batch; share of such steps from which on stamps come in batches
 HARD = 6.0  #: step between batches, in usual ones, that is a gap and no delay
 DRIFT = 0.5  #: drift over all samples, in samples, at which a told or whole rate is as good as the fitted one
 STEP = 0.7  #: change of the level, in samples, that is a missing sample; noise makes less
@@ -33,7 +37,7 @@ HUBER = 1.345  #: residual, in robust standard deviations, from which on a stamp
 class Places(NamedTuple):
     """Samples on a uniform clock."""
 
-    index: Index  #: (n,) place of each sample, from 0
+    place: Index  #: (n,) place of each sample, from 0
     rate_hz: float
     begin: float  #: start of the first sample, s
     jitter_s: float  #: RMS of the stamps about the clock, s
@@ -43,7 +47,7 @@ class Places(NamedTuple):
     @property
     def ends(self) -> Array:
         """End of each sample on the clock, (n,) s."""
-        return self.begin + (self.index + 1) / self.rate_hz
+        return self.begin + (self.place + 1) / self.rate_hz
 
 
 def fitted(t: Array, rate_hz: float | None, start: Index | None = None, counted: bool = False) -> Places | None:
@@ -78,7 +82,9 @@ def fitted(t: Array, rate_hz: float | None, start: Index | None = None, counted:
     spread = float(np.std(off))
     if spread > max(MOST_JITTER_S, MOST_JITTER / rate):
         return None
-    sure = 3.0 * spread * rate * np.sqrt(12.0 / len(off))  # samples by which the line may drift, from its standard error
+    sure = (
+        3.0 * spread * rate * np.sqrt(12.0 / len(off))
+    )  # samples by which the line may drift, from its standard error
     told = _told(rate, rate_hz, int(index[-1]), sure)
     if told is None:
         return None
@@ -155,7 +161,7 @@ def _levelled(t: Array, rate: float, index: Index, least: Index) -> Index | None
         add = np.zeros(len(at), dtype=np.int64)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], np.sign(change), [0]])))
         done = -1
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in pairwise(edges):
             if not change[a] or a <= done:
                 continue
             done = b + half  # what else is near is seen better in the next round

@@ -1,0 +1,148 @@
+"""Stamps of instruments: simulated clocks with known jitter, losses, batches and wraps; time scales; bridged gaps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from oracles import made
+
+from sins_env.recordings import findings
+from sins_env.recordings.clock import Samples, clocked
+from sins_env.recordings.recording import Stamping
+from sins_env.recordings.stamps import scales, wraps
+from sins_env.recordings.stamps.bridging import bridged, unbridged
+
+RATE, T0, N = 104.0, 1000.0, 6000
+RNG = np.random.default_rng(5)
+TRUE = T0 + np.arange(1, N + 1) / RATE
+HOST = TRUE + RNG.uniform(-0.6, 0.6, N) / RATE  #: stamps of a host, up to 60 % of a sample off
+
+
+def samples(t, kept=None, **more):
+    values = np.arange(3.0 * N).reshape(-1, 3)
+    values = values if kept is None else values[kept]
+    return Samples("file", "time", lambda i: f"line {i + 1}", np.asarray(t, dtype=float), values, -values, **more)
+
+
+def places(clock):
+    return np.flatnonzero(np.isfinite(clock.dtheta[:, 0]))
+
+
+def test_jittered_stamps_are_evened_out():
+    found = clocked(samples(HOST))
+    assert found.rate_hz == RATE
+    assert len(found.dtheta) == N
+    assert found.t0 == pytest.approx(T0, abs=5 * 0.35 / RATE / np.sqrt(N))
+    assert found.stamping.evened
+    assert found.stamping.jitter_s == pytest.approx(1.2 / np.sqrt(12) / RATE, rel=0.03)
+    shifted = clocked(replace(samples(HOST), gyro_rates=True), resample_hz=52.0)
+    whole = samples(HOST).dtheta[:, 0] / RATE  # a rate that rises by 3 a sample
+    assert_allclose(shifted.dtheta[10:20, 0], (whole[20:40:2] + whole[21:41:2]), rtol=2e-3)
+
+
+@pytest.mark.parametrize("lost", [(3000,), (1500, 1501), tuple(range(2000, 2300)), (1000, 1400, 5000)])
+def test_lost_samples_are_found_without_a_counter(lost):
+    """Their number is right, and their place to a few samples, under jitter of 60 % of a sample."""
+    kept = np.delete(np.arange(N), lost)
+    found = places(clocked(samples(HOST[kept], kept)))
+    assert found[-1] == N - 1
+    assert (found != kept).sum() <= 8 * len(set(lost))
+
+
+@pytest.mark.parametrize("bits", [8, 16, 32])
+def test_a_counter_tells_each_lost_sample(bits):
+    kept = np.sort(RNG.permutation(N)[: N - 200])
+    counter = (kept + 2**bits - 100) % 2**bits
+    found = clocked(samples(HOST[kept], kept, counter=counter.astype(float)))
+    assert found.rate_hz == RATE
+    assert_array_equal(places(found), kept - kept[0])
+
+
+def test_what_is_no_counter_is_refused():
+    for bad, message in ((np.full(N, 7.0), "from 7 to 7"), (np.arange(N) + 0.5, "whole numbers")):
+        with pytest.raises(ValueError, match=message):
+            clocked(samples(HOST, counter=bad))
+    with pytest.raises(ValueError, match="does not follow the counter"):
+        clocked(samples(np.cumsum(RNG.uniform(0, 30, N)), counter=np.arange(N) * 1.0))
+
+
+@pytest.mark.parametrize("size", [2, 5, 8])
+def test_batches_have_the_time_of_their_last_sample(size):
+    """Samples that wait in a driver get one stamp; the last of them has waited the least."""
+    stamps = TRUE[np.minimum(np.arange(N) // size * size + size - 1, N - 1)]
+    found = clocked(samples(stamps))
+    assert (found.rate_hz, len(found.dtheta), found.stamping.batch) == (RATE, N, size)
+    assert found.t0 == pytest.approx(T0, abs=1e-5)
+
+
+def test_delays_of_the_host_are_no_losses():
+    late = TRUE.copy()
+    for begin in (500, 2000, 3500):
+        late[begin : begin + 15] = TRUE[begin + 15]
+    found = clocked(samples(late))
+    assert_array_equal(places(found), np.arange(N))
+
+
+def test_rows_written_twice_are_not_evened_out():
+    twice = np.repeat(np.arange(N // 2), 2)
+    with pytest.raises(ValueError, match="repeated stamps.*drop_duplicates"):
+        clocked(samples(TRUE[twice], twice))
+    found = clocked(samples(TRUE[twice], twice), drop_duplicates=True)
+    assert (len(found.dtheta), found.rate_hz, found.stamping.dropped) == (N // 2, RATE, N // 2)
+
+
+def test_wraps():
+    t = np.arange(100) * 0.01
+    for period, tick in ((604_800.0, 1.0), (86_400.0, 1.0), (2**32 * 1e-4, 1e-4), (65.536, 1e-3)):
+        found = wraps.unrolled((period - 0.505 + t) % period, tick)
+        assert_allclose(found, period - 0.505 + t, atol=1e-9 * period)
+    backwards = np.array([0.0, 1.0, 2.0, 1.5, 3.0])
+    assert_array_equal(wraps.unrolled(backwards), backwards)
+
+
+def test_time_scales():
+    """The leap second at the end of 2016 is second 1167264017 of GPS time; UTC lags by 18 s after it, by 17 s before."""
+    dates = ["2016-12-31T23:59:59Z", "2016-12-31T23:59:60Z", "2017-01-01T00:00:00Z", "2017-01-01T01:00:00.25+01:00"]
+    assert_array_equal(scales.from_dates(dates), [1167264016, 1167264017, 1167264018, 1167264018.25])
+    assert_array_equal(scales.from_dates(["2026/06/01 10:00:00.125"], "gps"), [scales.from_week(2421, 122_400.125)])
+    assert_array_equal(scales.from_unix(np.array([1780308000.0])), [1780308000 - 315964800 + 18])
+    assert scales.instant("2026-06-01T10:00:00Z") == 1780308000 - 315964800 + 18
+    assert scales.date_of(1464343218.0) == "2026-06-01T10:00:00.000Z"
+    assert_array_equal(scales.from_calendar(np.array([[2026.0, 6, 1, 10, 0, 0.5]])), [1464343218.5])
+    times = np.array([4.0e8, 8.0e8, 1167264016.5, 1.4e9])
+    assert_array_equal(scales.from_utc(scales.to_utc(times)), times)
+    with pytest.raises(ValueError, match=r"time 1 is '1\.6\.2026'; allowed: dates such as 2026-06-01T10:00:00"):
+        scales.from_dates(["2026-06-01", "1.6.2026"])
+    with pytest.raises(ValueError, match="GPS week = 2100.5; allowed: whole numbers"):
+        scales.from_week(np.array([2100.0, 2100.5]), np.zeros(2))
+
+
+def test_short_gaps_are_bridged():
+    """A turn that starts and stops: the bridge is a straight line of the rate, and its angle that of the motion."""
+    first = made.recording(samples=2000, rate=200.0)
+    t = np.arange(2000) / 200.0
+    smooth = np.column_stack([1e-3 * np.sin(0.5 * t), 1e-3 * np.cos(0.5 * t), 1e-4 * t])
+    whole = replace(first, dtheta=smooth, dvel=smooth + [0, 0, 0.049])
+    holes = [arrays.copy() for arrays in (whole.dtheta, whole.dvel)]
+    for part in holes:
+        part[400:410] = part[900:920] = part[1200:1230] = np.nan
+    holed = replace(whole, dtheta=holes[0], dvel=holes[1])
+    found = bridged(holed, 0.1)
+    assert [gap.samples for gap in found.bridged] == [10, 20]
+    assert [gap.samples for gap in found.gaps] == [30]
+    assert_allclose(found.dtheta[:1200], whole.dtheta[:1200], atol=2e-6)
+    assert_array_equal(unbridged(found).dtheta, holed.dtheta)
+    assert bridged(holed, 0.0) is holed
+    told = [str(one) for one in findings(found)]
+    assert any(one.startswith("bridged: 30 samples are missing in 2 gaps of up to 100 ms") for one in told)
+    assert len(bridged(holed, 0.2).gaps) == 0
+
+
+def test_jitter_is_told():
+    stamped = replace(made.recording(), stamping=Stamping(0.9e-3, 2e-3, 4, True, 3))
+    told = [one for one in findings(stamped) if one.name in ("jitter", "repeated_stamps")]
+    assert "jitter 0.9 ms RMS, at most 2 ms, evened out" in told[0].text
+    assert "4 samples with one stamp" in told[0].text
+    assert told[1].value == 3
+    assert not any(one.wrong for one in told)
