@@ -38,8 +38,7 @@ class Samples:
     accel_rates: bool = False  #: whether ``dvel`` holds specific force
     trapezoid: bool = False  #: whether rates are values at the stamps, and not means over the sample
     counter: Array | None = None  #: (n,) counter of the device, which may wrap; it tells which samples are missing
-    tick_s: float = 1.0  #: unit in which the file counts time, s; a counter of ticks may be full
-    scale: str | None = None  #: "gps" if the stamps are absolute, seconds of GPS time since 1980-01-06
+    scale: str | None = None  #: "GPS" if the stamps are absolute, seconds of GPS time since 1980-01-06
 
 
 class Clocked(NamedTuple):
@@ -50,7 +49,7 @@ class Clocked(NamedTuple):
     dtheta: Array  #: (N, 3) angle increments, rad
     dvel: Array  #: (N, 3) velocity increments, m/s
     stamping: Stamping | None = None  #: how the stamps lay about the clock
-    scale: str | None = None  #: "gps" if times are absolute
+    scale: str | None = None  #: "GPS" if times are absolute
 
 
 def clocked(
@@ -64,7 +63,7 @@ def clocked(
     Raises:
         ValueError: stamps that repeat (unless they are to be dropped), run back, or fit no uniform clock.
     """
-    samples = replace(samples, t=unrolled(samples.t, samples.tick_s))
+    samples = replace(samples, t=unrolled(samples.t))
     whole = len(samples.t)
     found = _on_clock(samples, rate_hz)
     if found is None and drop_duplicates:

@@ -15,11 +15,12 @@ from sins_env.checks import unknown
 from sins_env.recordings import column_units
 from sins_env.recordings.assembling import geodetic
 from sins_env.recordings.axes import swap_ned
-from sins_env.recordings.clock import check_increasing
 from sins_env.recordings.mapping import Mapping, companion
+from sins_env.recordings.stamps.scales import WEEK_S
+from sins_env.recordings.stamps.wraps import check_increasing, unrolled
 from sins_env.recordings.text import Head, Style, Table, read_head, read_table
 from sins_env.recordings.text.dates import is_date, seconds_of_parts
-from sins_env.recordings.times import MOST_WEEK, WEEK_S, Times, told
+from sins_env.recordings.times import MOST_WEEK, Times, told
 
 FRAMES = ("ENU", "NED")  #: allowed frames of vectors
 FIELD_KEYS = ("column", "columns", "unit", "frame", "scale", "file")  #: keys of the object of a field
@@ -215,7 +216,7 @@ class Part:
             )
         else:
             self._check_wraps(t)
-        t = t * self._time_unit(spec.get("unit", "s"))
+        t = unrolled(t * self._time_unit(spec.get("unit", "s")))
         if "week" in spec:
             week = columns[:, 1]
             bad = np.flatnonzero((week != np.rint(week)) | (week < 0) | (week > MOST_WEEK))

@@ -83,7 +83,7 @@ class Recording:
     reference: Reference | None = None
     displacements: Displacements | None = None
     stamping: Stamping | None = None  #: how the stamps of the file lay about the clock; None for a file without stamps
-    scale: str | None = None  #: "gps" if times are absolute, seconds of GPS time since 1980-01-06; None if unknown
+    scale: str | None = None  #: "GPS" if times are absolute, seconds of GPS time since 1980-01-06; None if unknown
     bridged: tuple[Gap, ...] = ()  #: gaps that are filled with interpolated increments
 
     @property

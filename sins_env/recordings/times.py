@@ -10,46 +10,47 @@ import numpy as np
 from sins_env.arrays import Array
 from sins_env.checks import unknown
 from sins_env.recordings.recording import seconds
+from sins_env.recordings.stamps.scales import DAY_S, UNIX_S, WEEK_S, from_utc
 
-WEEK_S = 604_800.0  #: seconds of a GPS week
 MOST_WEEK = 9_999  #: largest number of a GPS week
-UNIX_S = 315_964_800.0  #: Unix time at the start of GPS time, 1980-01-06T00:00:00 UTC
 SCALES = ("GPS", "UTC", "Unix")  #: scales that a mapping may name
 
 
 class Times(NamedTuple):
-    """Times of a file.
-
-    With a scale they count the calendar seconds since 1980-01-06T00:00:00 in it, without leap seconds.
-    """
+    """Times of a file. With a scale they are seconds of GPS time since 1980-01-06T00:00:00, whatever scale it was written in."""
 
     t: Array  #: (n,) times, s
-    scale: str | None = (
-        None  #: "GPS" or "UTC"; None for a clock of its own, such as seconds since the start or of a week
-    )
+    scale: str | None = None  #: "GPS"; None for a clock of its own, such as seconds since the start or of a week
 
 
 def told(t: Array, scale: str | None) -> Times:
-    """Return times in the scale that a mapping names.
+    """Return times in the scale that a mapping names; UTC and Unix time become GPS time, with their leap seconds.
+
+    UTC is counted as its calendar does, in s since 1980-01-06T00:00:00, and Unix time since 1970.
 
     Raises:
         ValueError: a scale of no such name.
     """
-    if scale is not None and scale not in SCALES:
+    if scale is None:
+        return Times(t)
+    if scale not in SCALES:
         raise unknown("scale of time", scale, SCALES)
-    return Times(t - UNIX_S, "UTC") if scale == "Unix" else Times(t, scale)
+    return Times(t if scale == "GPS" else from_utc(t - UNIX_S if scale == "Unix" else t), "GPS")
 
 
 def on_scale_of(times: Times, imu: Times, path: Path, whose: str) -> Array:
     """Return times on the scale of the IMU, (n,), s.
 
-    GPS times go with an IMU that counts the seconds of the week, and the other way round.
+    GPS times go with an IMU that counts the seconds of the week, and the other way round. Where both count the seconds of
+    a week or a day, one may have begun again before the other.
 
     Raises:
         ValueError: scales between which nothing is known.
     """
     if times.scale == imu.scale:
-        return times.t
+        shifts = (0.0, -WEEK_S, WEEK_S, -DAY_S, DAY_S) if imu.scale is None and _of_week(imu.t) else (0.0,)
+        meets = (s for s in shifts if times.t[-1] + s > imu.t[0] and times.t[0] + s <= imu.t[-1])
+        return times.t + next(meets, 0.0)
     if times.scale == "GPS" and imu.scale is None and _of_week(imu.t):
         return times.t - WEEK_S * np.floor(times.t[0] / WEEK_S)
     if times.scale is None and imu.scale == "GPS" and _of_week(times.t):

@@ -58,7 +58,8 @@ def load(path: Path, mapping: Mapping) -> Recording:
                 f"{where}: {many} rows, {gyros.path.name} {len(dtheta)}; allowed: a row for each sample in both"
             )
     trapezoid, stamped = mapping.rates == "trapezoid", parts.get("time", gyros)
-    samples = Samples(str(stamped.path), "time", stamped.place, times.t, dtheta, dvel, gyro.rate, accel.rate, trapezoid)
+    units = (gyro.rate, accel.rate, trapezoid, _stamped_counter(path, mapping, parts), times.scale)
+    samples = Samples(str(stamped.path), "time", stamped.place, times.t, dtheta, dvel, *units)
     clock = clocked(samples, mapping.rate_hz, mapping.resample_hz, mapping.drop_duplicates)
     gnss = None if mapping.gnss is None else _gnss(path, mapping, times)
     reference = None if mapping.reference is None else _reference(path, mapping, turn, times)
@@ -99,6 +100,18 @@ def _counted(path: Path, mapping: Mapping, parts: dict[str, Part], many: int) ->
         if mapping.counter is not None or np.mean(np.diff(values) == 1) > 0.5:
             count = values - values[0] + 1
     return Times(count / rate)
+
+
+def _stamped_counter(path: Path, mapping: Mapping, parts: dict[str, Part]) -> Array | None:
+    """Return the counter of samples that have stamps, too, (n,); one that the mapping does not name must count each of them."""
+    if "time" not in parts:
+        return None
+    if "counter" in parts:
+        return parts["counter"]["counter"][:, 0]
+    found = _found_counter(path, mapping) if parts["gyro"].path == path else None
+    values = None if found is None else found["counter"][:, 0]
+    steps = np.zeros(0) if values is None else np.diff(unwrapped(values, _modulus(values)))
+    return values if len(steps) and steps.min() >= 1 and np.mean(steps == 1) > 0.5 else None
 
 
 def _found_counter(path: Path, mapping: Mapping) -> Part | None:

@@ -27,13 +27,15 @@ from sins_env import attitude, checks
 from sins_env.arrays import Array
 from sins_env.recordings.assembling import assemble, geodetic
 from sins_env.recordings.axes import heading_pitch_roll, swap_ned, to_rfu, turned
-from sins_env.recordings.clock import Samples, check_increasing, clocked
+from sins_env.recordings.clock import Samples, clocked
 from sins_env.recordings.file_format import TEXT_KEYS, Format
 from sins_env.recordings.formats import rtklib
 from sins_env.recordings.mapping import Mapping, companion
 from sins_env.recordings.recording import Gnss, Recording, Reference
+from sins_env.recordings.stamps.scales import WEEK_S
+from sins_env.recordings.stamps.wraps import check_increasing, unrolled
 from sins_env.recordings.text import Style, Table, header, read_table, write_files
-from sins_env.recordings.times import MOST_WEEK, WEEK_S, Times, on_scale_of
+from sins_env.recordings.times import MOST_WEEK, Times, on_scale_of
 
 AXES = "FRD"
 IMU_COLUMNS, GNSS_COLUMNS, TRUTH_COLUMNS = (7, 8, 9), (7, 8, 13, 14), (11,)
@@ -57,7 +59,7 @@ def load(path: Path, mapping: Mapping) -> Recording:
     turn = to_rfu(mapping.axes or AXES)
     times, rows = _weeks_apart(table, 7)
     dtheta, dvel = turned(rows[:, 1:4], turn), turned(rows[:, 4:7], turn)
-    samples = Samples(str(path), "time", table.place, times.t, dtheta, dvel)
+    samples = Samples(str(path), "time", table.place, times.t, dtheta, dvel, scale=times.scale)
     clock = clocked(samples, mapping.rate_hz, mapping.resample_hz, mapping.drop_duplicates)
     gnss = None if mapping.gnss is None else _gnss(_file(path, "gnss", mapping.gnss), style, times)
     reference = None if mapping.reference is None else _truth(_file(path, "reference", mapping.reference), style, times)
@@ -76,7 +78,7 @@ def _weeks_apart(table: Table, least: int) -> tuple[Times, Array]:
     weeks = rows[:, 0]
     whole = (weeks == np.rint(weeks)).all() and weeks.min() >= 0 and weeks.max() <= MOST_WEEK
     if rows.shape[1] <= least or not whole or not np.mean(np.diff(weeks) == 0) > 0.5:
-        return Times(rows[:, 0]), rows
+        return Times(unrolled(rows[:, 0])), rows
     return Times(weeks * WEEK_S + rows[:, 1], "GPS"), rows[:, 1:]
 
 
@@ -105,7 +107,8 @@ def _gnss(path: Path, style: Style, imu: Times) -> Gnss:
 def _truth(path: Path, style: Style, imu: Times) -> Reference:
     table = read_table(path, TRUTH_COLUMNS, style)
     rows = table.rows
-    check_increasing(str(path), "time", table.place, rows[:, 1])
+    t = unrolled(rows[:, 1])
+    check_increasing(str(path), "time", table.place, t)
     pos = geodetic(path, "position", table.place, rows[:, 2:5])
     angles = rows[:, 8:11]
     bad = np.flatnonzero((np.abs(angles) > [180.0, 90.0, 360.0]).any(axis=1))
@@ -113,7 +116,7 @@ def _truth(path: Path, style: Style, imu: Times) -> Reference:
         text = f"{angles[bad[0]]} at {table.place(int(bad[0]))}; allowed: within 180, 90 and 360 deg"
         raise ValueError(f"{path}: roll, pitch, yaw are {text}")
     roll, pitch, yaw = np.radians(angles).T
-    t = on_scale_of(Times(rows[:, 1]), imu, path, "the reference")
+    t = on_scale_of(Times(t), imu, path, "the reference")
     return Reference(t, attitude.from_euler(yaw, pitch, roll), swap_ned(rows[:, 5:8]), pos)
 
 

@@ -161,7 +161,7 @@ def _levelled(t: Array, rate: float, index: Index, least: Index) -> Index | None
         add = np.zeros(len(at), dtype=np.int64)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], np.sign(change), [0]])))
         done = -1
-        for a, b in pairwise(edges):
+        for a, b in pairwise(edges.tolist()):
             if not change[a] or a <= done:
                 continue
             done = b + half  # what else is near is seen better in the next round

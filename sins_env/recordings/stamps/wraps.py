@@ -1,4 +1,4 @@
-"""Stamps that start again: at the end of a GPS week or a day, or where a counter of some bits is full."""
+"""Stamps that start again at the end of a GPS week or a day, and counters that are full."""
 
 from __future__ import annotations
 
@@ -17,24 +17,17 @@ LONGEST_S, LONGEST_STEPS = 60.0, 20.0  #: longest time, and number of usual step
 Place = Callable[[int], str]
 
 
-def unrolled(t: Array, tick_s: float = 1.0) -> Array:
-    """Return stamps (n,), s, without wraps: a step back by nearly a week, a day or a full counter is one onwards.
-
-    ``tick_s`` is the unit in which the file counts, s; counters of 16, 24 or 32 bits are full after so many.
-    """
+def unrolled(t: Array) -> Array:
+    """Return stamps (n,), s, without wraps: a step back by nearly a week or a day is a step onwards."""
     back = np.flatnonzero(np.diff(t) < 0)
     if not len(back):
         return t
-    usual = float(np.median(np.abs(np.diff(t))))
-    periods = [WEEK_S, DAY_S, *(2.0**bits * tick_s for bits in BITS[1:])]
     steps = np.diff(t)
+    longest = max(LONGEST_STEPS * float(np.median(np.abs(steps))), LONGEST_S)
+    lift = np.zeros(len(steps))
     for i in back:
-        for period in periods:
-            if 0 < steps[i] + period <= max(LONGEST_STEPS * usual, LONGEST_S if period in (WEEK_S, DAY_S) else 0.0):
-                steps[i] += period
-                break
-    lifted = np.cumsum(np.round(steps - np.diff(t), 9))
-    return np.concatenate([t[:1], t[1:] + lifted])
+        lift[i] = next((period for period in (WEEK_S, DAY_S) if 0 < steps[i] + period <= longest), 0.0)
+    return np.concatenate([t[:1], t[1:] + np.cumsum(lift)])
 
 
 def counted(counter: Array) -> NDArray[np.int64]:
@@ -83,14 +76,3 @@ def check_increasing(path: str, name: str, place: Place, t: Array, drop: bool = 
             f"{path}: {name} does not increase{step} at {first}: {len(same)} repeated stamp{'s' * many}, {listed}; allowed: "
             "each stamp once, or drop_duplicates, which keeps the first sample of each"
         )
-
-
-def increasing(path: str, name: str, place: Place, t: Array, tick_s: float = 1.0) -> Array:
-    """Return stamps (n,), s, that increase once wraps are taken out.
-
-    Raises:
-        ValueError: stamps that run back or repeat.
-    """
-    t = unrolled(t, tick_s)
-    check_increasing(path, name, place, t)
-    return t
