@@ -216,7 +216,7 @@ class Part:
             )
         else:
             self._check_wraps(t)
-        t = unrolled(t * self._time_unit(spec.get("unit", "s")))
+        t = t * self._time_unit(spec.get("unit", "s"))
         if "week" in spec:
             week = columns[:, 1]
             bad = np.flatnonzero((week != np.rint(week)) | (week < 0) | (week > MOST_WEEK))
@@ -226,7 +226,7 @@ class Part:
                     f"{self.path}: week is {week[bad[0]]:g} at {at}; allowed: a whole number, 0 to {MOST_WEEK}"
                 )
             return told(week * WEEK_S + t, scale or "GPS")
-        return told(t, scale)
+        return told(unrolled(t), scale)
 
     def _check_wraps(self, counts: Array) -> None:
         """Check that times do not begin again at 0 as a counter of 16 or 32 bits does.

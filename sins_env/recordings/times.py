@@ -41,8 +41,8 @@ def told(t: Array, scale: str | None) -> Times:
 def on_scale_of(times: Times, imu: Times, path: Path, whose: str) -> Array:
     """Return times on the scale of the IMU, (n,), s.
 
-    GPS times go with an IMU that counts the seconds of the week, and the other way round. Where both count the seconds of
-    a week or a day, one may have begun again before the other.
+    GPS times go with an IMU that counts the seconds of the week, and the other way round. If both
+    count the seconds of a week or a day, one may have begun again before the other.
 
     Raises:
         ValueError: scales between which nothing is known.

@@ -104,13 +104,13 @@ def test_wraps():
 def test_time_scales():
     """Second 1167264017 of GPS time is the leap second at the end of 2016; UTC lags by 18 s after it, by 17 s before."""
     assert scales.instant("2016-12-31T23:59:59Z") == 1167264016
-    assert scales.instant("2017-01-01T01:00:00.25+01:00") == 1167264018.25
+    assert scales.instant("2017-01-01T01:00:00.25+01:00") == pytest.approx(1167264018.25, abs=1e-6)
     assert scales.instant("2026-06-01T10:00:00Z") == 1780308000 - 315964800 + 18
     assert scales.date_of(1464343218.0) == "2026-06-01T10:00:00.000Z"
     known = np.array([4.0e8, 8.0e8, 1167264016.5, 1.4e9])
     assert_array_equal(scales.from_utc(scales.to_utc(known)), known)
     assert_array_equal(times.told(np.array([1780308000.0]), "Unix").t, [1464343218.0])
-    assert_array_equal(times.told(np.array([8.0e8]), "UTC").t, [8.0e8 + 13])  # in 2005
+    assert_array_equal(times.told(np.array([8.0e8]), "UTC").t, [8.0e8 + 13])  # in May 2005
     with pytest.raises(
         ValueError, match=r"time = '1\.6\.26'; allowed: a date with a time, such as 2026-06-01T10:00:00"
     ):

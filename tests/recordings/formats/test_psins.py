@@ -42,7 +42,9 @@ def test_steps_of_time_in_microseconds(tmp_path):
     extra = np.zeros((300, 1))
     extra[100], extra[200], extra[201] = 50_000, 900, -900
     found = load(write(tmp_path / "x.imu", np.hstack([COUNTS, extra])))
-    assert [(gap.start, gap.end, gap.samples) for gap in found.gaps] == [(pytest.approx(6.0), pytest.approx(6.05), 5)]
+    assert [(gap.start, gap.end, gap.samples) for gap in found.bridged] == [
+        (pytest.approx(6.0), pytest.approx(6.05), 5)
+    ]
     assert len(found.dtheta) == 305
     assert_allclose(found.dvel[105, 2], 40 * 250e-6 * 9.780327)
 

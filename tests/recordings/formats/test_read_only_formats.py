@@ -70,7 +70,7 @@ def test_a_damaged_line_is_a_missing_sample(tmp_path):
     rows[50] = rows[50].replace(",13,", ",14,")
     rows[-1] = rows[-1][:60]
     found = load(*log(tmp_path, rows)[:1], mapping=log(tmp_path, rows)[1])
-    assert [(gap.samples, gap.start) for gap in found.gaps] == [(1, pytest.approx(1000.5))]
+    assert [(gap.samples, gap.start) for gap in found.bridged] == [(1, pytest.approx(1000.5))]
     assert len(found.dtheta) == N - 1
 
 

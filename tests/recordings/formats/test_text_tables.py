@@ -203,8 +203,9 @@ def stamps(form="datetime", start="2026-06-01T10:00:00", step_ms=10):
     return np.datetime_as_string(at, unit="ms")
 
 
-#: Calendar seconds of 2026-06-01T10:00:00 since 1980-01-06: 2421 weeks, one day and ten hours.
-START = 2421 * 604800.0 + 86400 + 36000
+#: Calendar seconds of 2026-06-01T10:00:00 since 1980-01-06, 2421 weeks, one day and ten hours, in GPS time and as UTC.
+GPS = 2421 * 604800.0 + 86400 + 36000
+START = GPS + 18
 
 
 @pytest.mark.parametrize(
@@ -220,7 +221,7 @@ START = 2421 * 604800.0 + 86400 + 36000
             {"columns": list("YMDhms")},
             START,
         ),
-        (["w", "t"], [["2421", f"{122400 + (k + 1) / 100:.2f}"] for k in range(N)], {"column": "t", "week": "w"}, START),
+        (["w", "t"], [["2421", f"{122400 + (k + 1) / 100:.2f}"] for k in range(N)], {"column": "t", "week": "w"}, GPS),
         (
             ["w", "t"],  # a week ends inside
             [[str(2421 + (k >= 99)), f"{(604799 + (k + 1) / 100) % 604800:.2f}"] for k in range(N)],
@@ -237,7 +238,7 @@ def test_times(tmp_path, names, times, time, start):
     found = load(write(tmp_path, with_times(names, times), time=time))
     assert (found.rate_hz, found.t0) == (HZ, pytest.approx(start, abs=1e-6))
     assert_allclose(found.dvel, ACCEL / HZ, rtol=1e-4)  # held over steps of stamps in doubles, at 1e9 s
-    assert not found.gaps
+    assert (found.gaps, found.bridged) == ([], ())
 
 
 def test_a_time_that_is_none_is_named(tmp_path):
@@ -256,11 +257,11 @@ def test_a_time_that_is_none_is_named(tmp_path):
     ("text_", "seconds"),
     [
         ("1980-01-06T00:00:00Z", 0.0),
-        ("2026-06-01 10:00:00.010", START + 0.01),
-        ("2026/6/1 9:00:00", START - 3600),
-        ("01.06.2026 10:00:00,5", START + 0.5),
-        ("20260601T100000", START),
-        ("2026-06-01T10:00:00-0130", START + 5400),
+        ("2026-06-01 10:00:00.010", GPS + 0.01),
+        ("2026/6/1 9:00:00", GPS - 3600),
+        ("01.06.2026 10:00:00,5", GPS + 0.5),
+        ("20260601T100000", GPS),
+        ("2026-06-01T10:00:00-0130", GPS + 5400),
         ("06/01/2026 10:00:00", np.nan),  # month or day first?
         ("2026-06-01", np.nan),
         ("1000.0", np.nan),
@@ -277,7 +278,7 @@ def test_a_counter_tells_lost_packets(tmp_path):
     rows = [[count, "", *row[1:]] for count, row in zip(counts, ROWS, strict=True)]
     content = COMMENTED + "\n".join("\t".join(row) for row in [["PacketCounter", "SampleTimeFine", *NAMES[1:]], *rows])
     found = load(write(tmp_path, content, time=None, rate_hz=100))
-    assert [(gap.samples, gap.start) for gap in found.gaps] == [(1, pytest.approx(2.0))]
+    assert [(gap.samples, gap.start) for gap in found.bridged] == [(1, pytest.approx(2.0))]
     named = load(tmp_path / "imu.csv", counter={"column": "PacketCounter", "wraps": 65536})
     assert_array_equal(named.dvel, found.dvel)
 
@@ -389,7 +390,7 @@ def test_reading_says_how_far_it_is_and_keeps_lines(tmp_path):
     with following(shares.append):
         found = load(path)
     assert len(found.dtheta) == 60 * N
-    assert [gap.samples for gap in found.gaps] == [1]
+    assert [gap.samples for gap in found.bridged] == [1]
     assert len(shares) > 2
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
