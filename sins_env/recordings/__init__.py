@@ -17,8 +17,8 @@ what is allowed. Each recording is checked against itself when it is read (``fin
 refused.
 
 Read ``recording``, ``files``, ``formats``; then ``mapping``, ``text``, ``columns``, ``times``, ``axes``, ``column_units``,
-``stamps``, ``clock``, ``assembling``, ``findings``; then what uses a recording: ``interpolation``, ``summary``. ``guessing`` makes a
-first mapping of a file.
+``stamps``, ``clock``, ``assembling``, ``findings``; then what uses a recording: ``interpolation``, ``summary``.
+``guessing`` makes a first mapping of a file.
 """
 
 from sins_env.recordings.axes import heading_pitch_roll, to_rfu
