@@ -10,7 +10,6 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from sins_env import recordings
 from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
 from sins_env.cli.verbs.sensors import sensor_settings
 from sins_env.evaluation.estimators.guard import EstimatorError, Refusal
@@ -84,7 +83,7 @@ def _show(
     one: Solution, given: Namespace, console: Console, facts: Mapping[str, str], summary: Mapping[str, Any]
 ) -> None:
     """Write the files, and print warnings and the summary."""
-    found = recordings.findings(one.replay.source) if one.replay.source is not None else ()
+    found = one.findings
     written(one, given)
     if given.figure:
         save_figure(one.plot(), given.figure)

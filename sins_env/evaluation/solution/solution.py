@@ -14,7 +14,7 @@ from sins_env.evaluation.replay.replaying import Replay
 from sins_env.evaluation.replay.track_figure import track_figure
 from sins_env.evaluation.solution import files
 from sins_env.evaluation.solution.epochs import Epochs, epochs_of
-from sins_env.recordings import seconds
+from sins_env.recordings import Finding, findings, seconds
 from sins_env.writing.visible import in_json
 
 if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
@@ -50,6 +50,11 @@ class Solution(Epochs):
         if path is not None:
             files.write(path, lambda new: drawn.savefig(new, dpi=150, format=Path(path).suffix.lstrip(".").lower()))
         return drawn
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the recording says against itself, before any solver sees it."""
+        return () if self.replay.source is None else tuple(findings(self.replay.source))
 
     def summary(self) -> dict[str, Any]:
         """Return what JSON says of the solution: its span, the last state with sigmas, and its consistency."""
