@@ -6,6 +6,7 @@
     oba             optimisation-based alignment: the pairs of ``aided``, by Davenport's q-method
     oba_unaided     the same with the pairs of ``svd``
     analytic1..3    mean force and mean rate of a base at rest
+    motion_velocity, motion_position, motion_body    a base that travels, by its fixes or by a velocity along its body
 
 A method is started by :func:`start`, takes epochs by ``add(obs)`` and gives ``attitude()`` at any time.
 """
@@ -23,6 +24,7 @@ from solvers.pipeline.coarse.aided import Windows
 from solvers.pipeline.coarse.analytic import Analytic
 from solvers.pipeline.coarse.fits import by_davenport, by_svd
 from solvers.pipeline.coarse.inertial import AllPairs, TwoVector
+from solvers.pipeline.coarse.motion import Body, Position, Velocity
 from solvers.pipeline.coarse.spread import Spread
 
 
@@ -45,6 +47,9 @@ METHODS: dict[str, Callable[[Task, tuple[int, ...]], Coarse]] = {
     "analytic1": partial(Analytic, form=1),
     "analytic2": partial(Analytic, form=2),
     "analytic3": partial(Analytic, form=3),
+    "motion_velocity": Velocity,
+    "motion_position": Position,
+    "motion_body": Body,
 }
 
 

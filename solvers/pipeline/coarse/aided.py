@@ -11,8 +11,8 @@ from sins_env import attitude, earth
 from sins_env.arrays import Array
 from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.fits import Fit
-from solvers.pipeline.coarse.inertial import AllPairs, earth_turn, outer
-from solvers.pipeline.coarse.spread import BLOCK, Spread, of_pairs
+from solvers.pipeline.coarse.inertial import AllPairs, earth_turn
+from solvers.pipeline.coarse.spread import Readings, Spread, of_pairs, outer, profile
 from solvers.pipeline.strapdown import cross, end_rate
 
 WINDOW_S = 60.0  #: s, length of a window; it is cut to half of the coarse phase if that is shorter
@@ -87,7 +87,9 @@ class Windows(AllPairs):
         def C_b(part: slice) -> Array:
             return 0.5 * C @ (attitude.to_dcm(starts[part]) + attitude.to_dcm(q[part]))
 
-        return of_pairs(du, c, N, C_b, C_n, self._epoch_s, self._prior)
+        R = C_n @ self._prior.R[:3, :3] @ C_n.mT
+        readings = Readings(c, R.reshape(K, *(1,) * (N.ndim - 2), 3, 3))
+        return of_pairs(du, c, N, C_b, C_n, self._epoch_s, self._prior, readings)
 
     def _own_velocity(self, obs: Observation) -> Array:
         """Return what the velocity of the base adds to v_i, C_n^i v + integral of C_n^i (omega_ie x v), (..., 3) m/s.
@@ -105,9 +107,3 @@ class Windows(AllPairs):
         if not self._lever.any():
             return np.zeros(3)
         return self._in_start_axes(cross(end_rate(obs["dtheta"], self._epoch_s), self._lever))
-
-
-def profile(u: Array, v: Array) -> Array:
-    """Return the sum of u v' (..., 3, 3) over K pairs (K, ..., 3); a row of a batch has the bits of the row alone."""
-    blocks = (slice(i, i + BLOCK) for i in range(0, len(u), BLOCK))
-    return np.add.reduce([outer(u[block], v[block]).sum(axis=0) for block in blocks])

@@ -16,7 +16,7 @@ from sins_env import attitude, earth
 from sins_env.arrays import Array
 from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.fits import Fit, triad
-from solvers.pipeline.coarse.spread import Spread
+from solvers.pipeline.coarse.spread import Spread, outer
 from solvers.pipeline.strapdown import carried_sample, chain, interval_increments
 
 EARLY_SHARE = 50 / 180  #: share of the coarse phase after which two vectors take the first pair, 000 section 2.4
@@ -42,7 +42,7 @@ class InertialFrame(ABC):
         rotation, dvel_b = interval_increments(obs["dtheta"], obs["dvel"], self._last)
         self._last = carried_sample(obs["dtheta"], obs["dvel"])
         ends, steps = chain(rotation, dvel_b)
-        self._v_b = self._v_b + self._in_start_axes(steps.sum(axis=-2))
+        self._integrate(steps)
         self._q = attitude.normalize(attitude.multiply(self._q, ends[..., -1, :]))
         self._keep(self._v_b, np.broadcast_to(self._gravity_integral(), self._v_b.shape), obs)
 
@@ -53,6 +53,10 @@ class InertialFrame(ABC):
     def attitude(self) -> Array:
         """Return q_nb (..., 4) at the last epoch; level is known soon, azimuth as the directions of the pairs spread."""
         return attitude.from_dcm(self._C_i_n() @ self._fit() @ attitude.to_dcm(self._q))
+
+    def _integrate(self, steps: Array) -> None:
+        """Add the velocity increments (..., intervals, 3) of an epoch, in the body axes before it."""
+        self._v_b = self._v_b + self._in_start_axes(steps.sum(axis=-2))
 
     @abstractmethod
     def _keep(self, v_b: Array, v_i: Array, obs: Observation) -> None:
@@ -123,8 +127,3 @@ def earth_turn(angle: float) -> Array:
     """Return C_e^i (3, 3) after the earth has turned by ``angle``, rad."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def outer(u: Array, v: Array) -> Array:
-    """Return u v' (..., 3, 3)."""
-    return u[..., :, None] * v[..., None, :]

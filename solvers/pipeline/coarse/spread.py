@@ -33,6 +33,18 @@ class Spread(NamedTuple):
     noise: Array  #: (..., 3, 3) covariance by white noise, rad^2
 
 
+class Readings(NamedTuple):
+    """How the errors of fixes or other readings enter a fit to K pairs."""
+
+    c: Array  #: (K, ..., 3), coefficients of the pairs
+    R: Array  #: (K, ..., 3, 3) covariance of the errors in the inertial frame, in the unit of the pairs
+    #: (K, ..., 3) what is read along the body and taken from the pairs, turned by the gyros; None: readings in n.
+    along: Array | None = None
+    #: (K, ..., 3, m) errors that m constants of a sensor cause, of one standard deviation each.
+    constants: Array | None = None
+    walk: float = 0.0  #: variance that an epoch adds to an error of the readings that walks, per axis
+
+
 def told_by(spread: Spread, prior: Prior, q_nb: Array | None = None) -> Array:
     """Return P0 (..., 15, 15) in the layout ERRORS, with the misalignment of the spread in place of the prior's.
 
@@ -78,6 +90,7 @@ def of_pairs(
     C_n: Array,
     epoch_s: float,
     prior: Prior,
+    readings: Readings,
 ) -> Spread:
     """Return the spread of a fit to K pairs of vectors in the inertial frame, at the last epoch.
 
@@ -85,37 +98,56 @@ def of_pairs(
 
     Args:
         du: (K, ..., 3) m/s, velocity increments by specific force, in the inertial frame.
-        coefficients: (K, ..., 3) m/s, the c_j.
-        information: (..., 3, 3) m^2/s^2, N.
+        coefficients: (K, ..., 3), the c_j of velocities.
+        information: (..., 3, 3), N.
         C_b: gives for a slice of epochs (k, ..., 3, 3), turns from body axes into the inertial frame, means over the epochs.
-        C_n: (K, 3, 3), turns from n into the inertial frame.
+        C_n: (K, 3, 3) or (K, ..., 3, 3), turns from n into the inertial frame.
         epoch_s: s, length of an epoch.
-        prior: the told errors.
+        prior: the told errors of the IMU.
+        readings: the errors of what the pairs are compared with.
     """
     solved, eye = np.linalg.inv(information), np.eye(3)
     later = np.zeros(du.shape[1:])  # sum of c_j from an epoch on
     after = np.zeros(information.shape)  # sum of D from an epoch on
     noise, gyro, accel = (np.zeros(information.shape) for _ in range(3))
+    constants: Array | float = 0.0
+    walk = prior.Q[DV, DV] + readings.walk * eye
     for end in range(len(du), 0, -BLOCK):
         part = slice(max(end - BLOCK, 0), end)
         c = coefficients[part]
-        sums = later + _from_the_end(c)
+        sums = later + from_the_end(c)
         B = -solved @ attitude.skew(sums)  # theta = sum B nabla h
+        G = solved @ attitude.skew(readings.c[part])  # theta = sum G (errors of readings)
         D = -B @ attitude.skew(du[part])  # theta = sum D psi, psi the turn by the gyros so far
-        turns = after + _from_the_end(D)
+        if readings.along is not None:
+            D = D - G @ attitude.skew(readings.along[part])
+        turns = after + from_the_end(D)
         A = eye + turns - 0.5 * D  # theta + psi = sum A eps h, psi at mid-epoch
         later, after = sums[0], turns[0]
-        G = solved @ attitude.skew(c)  # theta = sum G (errors of fixes)
-        R = C_n[part] @ prior.R[:3, :3] @ C_n[part].mT
-        R = R.reshape(len(R), *(1,) * (G.ndim - 3), 3, 3)
-        noise += (A @ prior.Q[PHI, PHI] @ A.mT + B @ prior.Q[DV, DV] @ B.mT + G @ R @ G.mT).sum(axis=0)
+        R = readings.R[part]
+        noise += (A @ prior.Q[PHI, PHI] @ A.mT + B @ walk @ B.mT + G @ R @ G.mT).sum(axis=0)
         body = C_b(part)
         gyro += epoch_s * (A @ body).sum(axis=0)
         accel += epoch_s * (B @ body).sum(axis=0)
-    to_n = -C_n[-1].T  # phi is the turn back, in n
-    return Spread(to_n @ gyro, to_n @ accel, to_n @ noise @ to_n.T)
+        if readings.constants is not None:
+            constants = constants + (G @ readings.constants[part]).sum(axis=0)
+    if readings.constants is not None:
+        noise += constants @ np.swapaxes(constants, -1, -2)
+    to_n = -C_n[-1].mT  # phi is the turn back, in n
+    return Spread(to_n @ gyro, to_n @ accel, to_n @ noise @ to_n.mT)
 
 
-def _from_the_end(a: Array) -> Array:
+def from_the_end(a: Array) -> Array:
     """Return the sums of a (K, ...) from each epoch to the last."""
     return np.flip(np.cumsum(np.flip(a, 0), axis=0), 0)
+
+
+def outer(u: Array, v: Array) -> Array:
+    """Return u v' (..., 3, 3)."""
+    return u[..., :, None] * v[..., None, :]
+
+
+def profile(u: Array, v: Array) -> Array:
+    """Return the sum of u v' (..., 3, 3) over K pairs (K, ..., 3); a row of a batch has the bits of the row alone."""
+    blocks = (slice(i, i + BLOCK) for i in range(0, len(u), BLOCK))
+    return np.add.reduce([outer(u[block], v[block]).sum(axis=0) for block in blocks])
