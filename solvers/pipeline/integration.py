@@ -206,11 +206,17 @@ class Integration(ABC):
         if self._waiting.any():
             return
         if start is None:
-            assert self.settings.coarse is not None
-            self._coarse = coarse_methods.start(self.settings.coarse, self.task, batch)
+            self._coarse = self._begin_coarse(batch)
         else:
             nav = NavState(*(np.reshape(part, (*batch, part.shape[-1])) for part in start))
             self._start_fine(nav, self.task.prior.P0)
+
+    def _begin_coarse(self, batch: tuple[int, ...]) -> coarse_methods.Coarse:
+        """Begin the coarse phase by the method that was asked for, else by the one that the data ask for."""
+        if self.settings.coarse is not None:
+            return coarse_methods.start(self.settings.coarse, self.task, batch)
+        assert self.default.coarse is not None
+        return coarse_methods.FromData(self.task, batch, self.default.coarse)
 
     def _wait(self, obs: Observation, nav: NavState | None, again: SecondPass | None = None) -> NavState:
         """Start the runs that have their first fix, and return the answer: ``nav`` in the runs that have started before.

@@ -26,9 +26,9 @@ class Settings:
     ``coordinates``: coordinates of the errors that the filter estimates, "euler", "invariant"
     (:mod:`solvers.pipeline.errors.invariant`) or "equivariant" (:mod:`solvers.pipeline.errors.equivariant`).
     The default is "euler".
-    ``coarse``: method of the coarse phase, which an unknown start needs (:mod:`solvers.pipeline.coarse`). The default is
-    "aided" in alignment and "svd" in navigation. There the vehicle stands still, which "svd" assumes. The velocities
-    of fixes, on which "aided" relies, are noisier than that.
+    ``coarse``: method of the coarse phase, which an unknown start needs (:mod:`solvers.pipeline.coarse`). By default the data
+    decide (:mod:`solvers.pipeline.coarse.choice`). A base that stays on the spot is aligned by "aided", or in navigation by
+    "svd", for there it mostly stands more still than the velocities of fixes tell. One that travels is aligned in motion.
     ``coarse_again``: whether the epochs of the coarse phase are then filtered again, from the first fix on
     (:mod:`solvers.pipeline.switch_on`). They are all kept until then.
     ``aid_gate``: probability that a good reading of an aid, or a fix, lies within its gate; those outside are left out. With 1,
@@ -94,5 +94,4 @@ class Settings:
             self,
             feedback=self.feedback or getattr(filter, "feedback", default.feedback),
             coordinates=self.coordinates or getattr(filter, "coordinates", default.coordinates),
-            coarse=self.coarse or default.coarse,
         )

@@ -185,7 +185,7 @@ class TwoPass(Aligner):
     """
 
     def __init__(
-        self, *, relinearise_s: float = 120.0, model: str = "exact", bias_frame: str = "body", coarse: str = "aided"
+        self, *, relinearise_s: float = 120.0, model: str = "exact", bias_frame: str = "body", coarse: str | None = None
     ) -> None:
         super().__init__(
             TwoPassFilter(relinearise_s), model=model, bias_frame=bias_frame, feedback="open", coarse=coarse

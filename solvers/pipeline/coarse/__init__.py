@@ -8,49 +8,18 @@
     analytic1..3    mean force and mean rate of a base at rest
     motion_velocity, motion_position, motion_body    a base that travels, by its fixes or by a velocity along its body
 
-A method is started by :func:`start`, takes epochs by ``add(obs)`` and gives ``attitude()`` at any time.
+A method is started by :func:`start`, takes epochs by ``add(obs)`` and gives ``attitude()`` at any time. Read ``inertial``,
+``aided``, ``motion``, then ``spread``. Without a name, ``choice`` judges the motion of the base from the data.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-from typing import Protocol
+from sins_env.checks import choice as checked
+from sins_env.types import Task
+from solvers.pipeline.coarse.choice import FromData
+from solvers.pipeline.coarse.methods import METHODS, Coarse
 
-from sins_env.arrays import Array
-from sins_env.checks import choice
-from sins_env.types import Observation, Task
-from solvers.pipeline.coarse.aided import Windows
-from solvers.pipeline.coarse.analytic import Analytic
-from solvers.pipeline.coarse.fits import by_davenport, by_svd
-from solvers.pipeline.coarse.inertial import AllPairs, TwoVector
-from solvers.pipeline.coarse.motion import Body, Position, Velocity
-from solvers.pipeline.coarse.spread import Spread
-
-
-class Coarse(Protocol):
-    """What a method does; batch first."""
-
-    def add(self, obs: Observation) -> None: ...
-
-    def attitude(self) -> Array: ...
-
-    def spread(self) -> Spread | None: ...
-
-
-METHODS: dict[str, Callable[[Task, tuple[int, ...]], Coarse]] = {
-    "two_vector": TwoVector,
-    "svd": partial(AllPairs, fit=by_svd),
-    "aided": partial(Windows, fit=by_svd),
-    "oba": partial(Windows, fit=by_davenport),
-    "oba_unaided": partial(AllPairs, fit=by_davenport),
-    "analytic1": partial(Analytic, form=1),
-    "analytic2": partial(Analytic, form=2),
-    "analytic3": partial(Analytic, form=3),
-    "motion_velocity": Velocity,
-    "motion_position": Position,
-    "motion_body": Body,
-}
+__all__ = ["METHODS", "Coarse", "FromData", "check_method", "start"]
 
 
 def check_method(method: str) -> None:
@@ -59,14 +28,14 @@ def check_method(method: str) -> None:
     Raises:
         ValueError: it is unknown; the message has the nearest name that exists.
     """
-    choice("coarse method", method, METHODS)
+    checked("coarse method", method, METHODS)
 
 
 def start(method: str, task: Task, batch: tuple[int, ...]) -> Coarse:
     """Start the coarse phase of ``task`` by ``method``, for runs of shape ``batch``.
 
     Raises:
-        ValueError: an unknown method.
+        ValueError: an unknown method, or one that the task has no sensor for.
     """
     check_method(method)
     return METHODS[method](task, batch)

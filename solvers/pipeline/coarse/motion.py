@@ -147,7 +147,7 @@ class InMotion(InertialFrame, ABC):
         """Return what the attitude is off by at the end of the coarse phase; None at other times."""
         if not self._seen or self._k != len(self._seen):
             return None
-        force, u, v, q, place, valid = (np.stack(parts) for parts in zip(*self._seen, strict=True))
+        force, u, v, q, place, valid = self.seen()
         C = self._fit()
         vectors = u if self.exact_in_i else np.matmul(C, v[..., None])[..., 0]
         c = valid * without_polynomials(vectors, valid, self.degree)
@@ -164,6 +164,10 @@ class InMotion(InertialFrame, ABC):
         du = np.diff(np.matmul(C, force[..., None])[..., 0], axis=0, prepend=0.0)
         readings = self._readings(c, C @ attitude.to_dcm(q), C_n, np.matmul(C, (force - v)[..., None])[..., 0])
         return of_pairs(du, self._of_increments(c), N, C_b, C_n, self._epoch_s, self._task.prior, readings)
+
+    def seen(self) -> Epoch:
+        """Return the epochs of the coarse phase so far, (K, ...)."""
+        return Epoch(*(np.stack(parts) for parts in zip(*self._seen, strict=True)))
 
     def _of_increments(self, c: Array) -> Array:
         """Return the coefficients (K, ..., 3) of the velocities for those of the pairs."""
@@ -284,6 +288,12 @@ class Body(InMotion):
         self._swept, self._moves = np.zeros((*self._batch, 3)), False
         self._every: Mask = np.ones((*self._batch, 1), dtype=bool)
 
+    @property
+    def way(self) -> Array:
+        """Horizontal distance (...) from the site, m."""
+        away = earth.offset(self._model, np.broadcast_to(self._task.site.pos, self._place.shape), self._place)
+        return np.hypot(away[..., 0], away[..., 1])
+
     def _move(self, obs: Observation) -> Mask:
         valid: Mask = obs[f"{self._spec.name}_valid"] == 1  # type: ignore[literal-required]
         return valid
@@ -369,10 +379,9 @@ def body_sensor(task: Task) -> Any:
     return None
 
 
-def turns(place: Array, angle: float | Array) -> Array:
+def turns(place: Array, angle: Any) -> Array:
     """Return C_i^n (..., 3, 3) at a place (..., 3) once the earth has turned by ``angle`` rad; i are its axes before."""
-    turned = np.asarray(angle) + place[..., 1]
-    return earth.ecef_to_enu(place[..., 0], turned)
+    return earth.ecef_to_enu(place[..., 0], angle + place[..., 1])
 
 
 def pull(model: earth.Earth, place: Array, vel: Array) -> Array:

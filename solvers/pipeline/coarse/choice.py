@@ -1,0 +1,154 @@
+"""The coarse method that the data ask for: whether the base rests, sways or travels is seen, not told.
+
+    travels   the velocities of fixes, or along the body, lead away from the start; the method in motion with these velocities
+    sways     the velocities of the fixes explain the specific force better than rest does; a method with velocities
+    rests     else; the usual method of the estimator
+
+A base travels from the epoch on at which its way exceeds ten metres and what the noise of the readings can feign. The rest is
+judged at the end of the coarse phase, by what is left of the pairs of velocities: with those of the fixes, and with none. If
+neither explains the force, the base moves in a way that nothing shows, and the attitude is told to be unknown. Each run is
+judged by itself.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from sins_env import earth
+from sins_env.arrays import Array, Mask
+from sins_env.prior import SWITCH_ON_STD_DEG
+from sins_env.types import Observation, Task
+from sins_env.units import DEG
+from solvers.pipeline.coarse.aided import Windows
+from solvers.pipeline.coarse.fits import by_svd
+from solvers.pipeline.coarse.methods import METHODS, Coarse
+from solvers.pipeline.coarse.motion import Body, Velocity, body_sensor, pull, turns, without_polynomials
+from solvers.pipeline.coarse.spread import PHI, Spread, profile, told_by
+
+WAY_M = 10.0  #: m, way within which a base may sway
+SIGMAS = 5.0  #: standard deviations of the noise that a way has to exceed, too
+FEWEST = 10  #: least number of fixes that show a sway
+UNEXPLAINED_MPS = 1.0  #: m/s, RMS of what is left of the pairs of a base whose motion nothing shows
+KNOWN_DEG = 5.0  #: deg, standard deviation of a heading that is not known well enough after motion
+
+
+class FromData:
+    """The usual method of an estimator, and beside it those in motion, one of which takes over in the runs that ask for it."""
+
+    def __init__(self, task: Task, batch: tuple[int, ...], usual: str) -> None:
+        self._task, self._k, self._end = task, 0, round(task.coarse_s / task.epoch_s)
+        self._usual, self._by_fixes = METHODS[usual](task, batch), Velocity(task, batch)
+        self._by_body = None if body_sensor(task) is None else Body(task, batch)
+        self._way, self._squares = np.zeros((*batch, 3)), np.zeros((*batch, 1))
+        self._last = np.zeros((*batch, 3)), np.full((*batch, 1), np.nan)  # velocity and time of the last fix
+        self._noise = max(task.prior.gps_vel_std_mps)
+        #: Runs (...) in which the velocities of fixes, those along the body, or nothing that is known explain the motion.
+        self.fixes, self.body, self.unexplained = (np.zeros(batch, dtype=bool) for _ in range(3))
+
+    def add(self, obs: Observation) -> None:
+        """Take one more epoch."""
+        self._k += 1
+        self._usual.add(obs)
+        self._by_fixes.add(obs)
+        self._go(obs)
+        if self._by_body is not None:
+            self._by_body.add(obs)
+            self.body = (self.body | (self._by_body.way > WAY_M)) & ~self.fixes
+        if self._k == self._end:
+            self._judge()
+
+    def _go(self, obs: Observation) -> None:
+        """Integrate the velocities of the fixes to a way."""
+        valid, vel, (before, at) = obs["gps_valid"] == 1, obs["gps_vel"], self._last
+        t = self._k * self._task.epoch_s
+        h = np.where(valid & ~np.isnan(at), t - at, 0.0)
+        self._way = self._way + 0.5 * h * (before + np.where(valid, vel, 0.0))
+        self._squares = self._squares + h * h
+        self._last = np.where(valid, vel, before), np.where(valid, t, at)
+        limit = WAY_M + SIGMAS * self._noise * np.sqrt(self._squares[..., 0])
+        self.fixes = self.fixes | (np.hypot(self._way[..., 0], self._way[..., 1]) > limit)
+
+    def _judge(self) -> None:
+        """Judge sway, and whether anything explains the force."""
+        force, u, v, _, _, valid = self._by_fixes.seen()
+        sigma = np.sqrt(3.0) * self._noise
+        fixed, number = left_over(u, v, valid), valid.sum(axis=(0, -1))
+        rest = left_over(self._at_rest(len(u), u.ndim), force, valid)
+        if not isinstance(self._usual, Windows):
+            any_velocity = np.abs(self._last[0]).sum(axis=-1) + np.abs(self._way).sum(axis=-1) > 0.0
+            self.fixes = self.fixes | (~self.body & (number >= FEWEST) & (fixed < rest) & any_velocity)
+        always = left_over(self._at_rest(len(u), u.ndim), force, np.ones_like(valid))
+        left = np.where(self.fixes, fixed, np.where(number >= FEWEST, np.minimum(fixed, rest), always))
+        self.unexplained = ~self.body & (left > max(UNEXPLAINED_MPS, SIGMAS * sigma))
+
+    def _at_rest(self, epochs: int, ndim: int) -> Array:
+        """Return the vectors (K, 1, ..., 3) in i of pairs of a base at rest."""
+        task = self._task
+        model, place = earth.get(task.site.earth), task.site.pos
+        angles = model.rate * task.epoch_s * np.arange(1, epochs + 1)
+        pulled = np.matmul(np.stack([turns(place, one).T for one in angles]), pull(model, place, np.zeros(3)))
+        sums = task.epoch_s * (np.cumsum(pulled, axis=0) - 0.5 * pulled)
+        return sums.reshape(epochs, *(1,) * (ndim - 2), 3)
+
+    def attitude(self) -> Array:
+        """Return q_nb (..., 4) at the last epoch."""
+        q_nb = self._usual.attitude()
+        for chosen, method in self._others():
+            q_nb = np.where(chosen[..., None], method.attitude(), q_nb)
+        return q_nb
+
+    def _others(self) -> list[tuple[Mask, Coarse]]:
+        """Return the methods that have taken over runs, with these runs."""
+        pairs = [(self.fixes, self._by_fixes), (self.body, self._by_body)]
+        return [(chosen, method) for chosen, method in pairs if method is not None and chosen.any()]
+
+    def spread(self) -> Spread | None:
+        """Return what the attitude is off by at the end of the coarse phase; None where the usual method knows none in all runs."""
+        others, usual = self._others(), self._usual.spread()
+        if not others and not self.unexplained.any():
+            return usual
+        told = independent(self._task.prior.P0[PHI, PHI]) if usual is None else usual
+        for chosen, method in others:
+            own = method.spread()
+            assert own is not None
+            told = replaced(told, chosen, own)
+            self._warn(chosen & ~self.unexplained, own)
+        if self.unexplained.any():
+            nothing = np.diag(np.square(DEG * np.array(SWITCH_ON_STD_DEG)))
+            told = replaced(told, self.unexplained, independent(nothing))
+            warn("neither rest nor the velocities of fixes explain the specific force in the coarse phase: heading unknown")
+        return told
+
+    def _warn(self, chosen: Mask, own: Spread) -> None:
+        """Warn of runs in which too little motion leaves the heading unknown."""
+        sigma = np.sqrt(told_by(own, self._task.prior)[..., PHI.stop - 1, PHI.stop - 1])[chosen] / DEG
+        if sigma.size and sigma.max() > KNOWN_DEG:
+            warn(
+                f"the base moves in the coarse phase of {self._task.coarse_s:g} s, and too little changes its velocity: "
+                f"heading known to {sigma.max():.3g} deg only; a longer coarse phase with turns, or one at rest, tells more"
+            )
+
+
+def warn(text: str) -> None:
+    """Warn of an attitude that is not known."""
+    warnings.warn(text, RuntimeWarning, stacklevel=2)
+
+
+def independent(noise: Array) -> Spread:
+    """Return a spread with the covariance ``noise`` (3, 3) rad^2, which has nothing to do with the biases."""
+    return Spread(np.zeros((3, 3)), np.zeros((3, 3)), noise)
+
+
+def replaced(told: Spread, chosen: Mask, own: Spread) -> Spread:
+    """Return a spread with another one in the ``chosen`` runs (...)."""
+    return Spread(*(np.where(chosen[..., None, None], new, old) for new, old in zip(own, told, strict=True)))
+
+
+def left_over(u: Array, v: Array, valid: Mask) -> Array:
+    """Return the RMS (...) of u - c - C v over the valid pairs (K, ..., 3), with the best c and rotation C."""
+    shape = np.broadcast_shapes(u.shape, v.shape)
+    u, v = (valid * without_polynomials(np.broadcast_to(x, shape), valid, 0) for x in (u, v))
+    r = u - np.matmul(by_svd(profile(u, v)), v[..., None])[..., 0]
+    return np.asarray(np.sqrt((r * r).sum(axis=(0, -1)) / np.maximum(valid.sum(axis=(0, -1)), 1)))
