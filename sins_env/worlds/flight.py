@@ -44,9 +44,10 @@ class FlightSettings(Timed):
     """Settings of ``SINS/NavFlight-v0``. Values are those that JSON can hold; None leaves what the profile says.
 
     ``profile`` names a flight: ``sun2012``, ``sun2012-fixed``, ``sun2012-physical``, ``lu-gauss``, ``lu-mixture``,
-    ``zhao2010``, ``hotstart30``, ``hotstart60`` or ``hotstart90``. A flight of one's own is a dict of the fields of
-    FlightPlan, or the path of a YAML or JSON file with them. A CSV or NPZ table of places, or a dict or file with ``track``, is a
-    motion through them (docs/mathematics/simulation.md#tracks). Both have the sensors of ``sun2012``.
+    ``zhao2010``, ``hotstart30``, ``hotstart60`` or ``hotstart90``. ``car`` is a drive in town, and ``ship`` a ship under way. A
+    flight of one's own is a dict of the fields of FlightPlan, or the path of a YAML or JSON file with them. A CSV or NPZ table of
+    places, or a dict or file with ``track``, is a motion through them (docs/mathematics/simulation.md#tracks). Both have the
+    sensors of ``sun2012``.
 
     ``duration``, s, ends the flight early. It includes the ``coarse`` phase, s.
 
@@ -58,8 +59,8 @@ class FlightSettings(Timed):
     misalignment, E, N, U.
 
     With a told start ``Task.site`` is only the region; the start position, with its error, is in ``Task.start``. The coarse
-    phase of a ``start`` of "unknown" lasts by default for as long as the flight stands still. With a ``coarse`` of 0, and in a
-    flight that begins in motion, estimators begin at switch-on.
+    phase of a ``start`` of "unknown" lasts by default for as long as the flight stands still. With a ``coarse`` of 0, and by
+    default in a flight that begins in motion, estimators begin at switch-on. A longer ``coarse`` phase is one in motion.
 
     ``aids`` are further sensors by name, each with a preset or a dict of fields. ``told`` is a dict of what solvers are told
     of the sensors where it differs from the truth: ``imu``, ``gps``, or both.
@@ -108,9 +109,6 @@ class FlightSettings(Timed):
     def _check_times(self) -> None:
         plan, set_ = self.base.plan, object.__setattr__
         set_(self, "coarse", check_coarse(self.coarse, self.start, plan.rest_s))
-        if self.coarse_s > plan.rest_s and self.start == "unknown":
-            allowed = f"at most {plan.rest_s:g} s, while the flight stands still"
-            raise checks.refused("coarse", self.coarse, allowed)
         duration = check_duration(self.duration, plan.duration_s)
         set_(self, "duration", duration)
         if duration > plan.duration_s + 1e-6:
@@ -161,7 +159,10 @@ class FlightSettings(Timed):
         (imu, gps), site = self.sensors_told, self.base.plan.site
         if self.start == "told":
             site = region(site)
-        spread = self.attitude_std_deg if self.start == "told" else coarse_std_deg(imu, site, self.coarse_s)
+        spread = self.attitude_std_deg
+        if self.start == "unknown":
+            at_rest = self.coarse_s <= self.base.plan.rest_s
+            spread = coarse_std_deg(imu, site, self.coarse_s) if at_rest else SWITCH_ON_STD_DEG
         assert spread is not None
         assert self.velocity_std_mps is not None
         assert self.position_std_m is not None

@@ -20,6 +20,7 @@ from sins_env.specs import GpsSpec, ImuSpec
 from sins_env.trajectory.plan import FLIGHT_FILES, FlightPlan
 from sins_env.trajectory.segments import Segment
 from sins_env.trajectory.track import TABLE_FILES, plan_of
+from sins_env.trajectory.under_way import Signal, UnderWay
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,38 @@ _ZHAO = FlightPlan(
     ),
 )  # fmt: skip
 
+#: A car in town at 6 to 16 m/s with seven turns.
+_CAR = UnderWay(
+    34.0,
+    109.0,
+    segments=_rows((300,)),
+    height_m=100.0,
+    speed_mps=11.0,
+    heading_deg=34.0,
+    speed=Signal(11.0, ((3.5, 47.0, 0.3), (1.5, 19.0, 1.0))),
+    course=Signal(34.0, ((2.0, 31.0, 0.0),), (
+        (90, 15, 2.2), (-90, 45, 2.5), (85, 80, 2.5), (90, 115, 2.2), (-95, 160, 2.6), (-90, 200, 2.4), (90, 250, 2.3),
+    )),
+    pitch=Signal(0.0, ((1.0, 9.0, 0.0), (0.4, 2.3, 1.0))),
+    roll=Signal(0.0, ((1.2, 7.0, 0.4), (0.5, 1.7, 0.1))),
+    climbs=True,
+)  # fmt: skip
+#: A ship under way at 6 m/s that rolls by 6 deg.
+_SHIP = UnderWay(
+    34.0,
+    109.0,
+    segments=_rows((300,)),
+    speed_mps=6.0,
+    heading_deg=34.0,
+    speed=Signal(6.0, ((0.25, 11.0, 0.2), (0.5, 90.0, 0.0))),
+    course=Signal(34.0, ((25.0, 180.0, 0.0),)),
+    pitch=Signal(0.5, ((2.0, 6.7, 0.2),)),
+    roll=Signal(0.0, ((6.0, 8.9, 1.0),)),
+    yaw=Signal(0.0, ((1.5, 10.3, 0.4),)),
+    across=Signal(0.0, ((0.3, 9.5, 0.0),)),
+    heave=Signal(0.0, ((0.4, 7.3, 1.2),)),
+)
+
 _TACTICAL = ImuSpec(gyro_bias_deg_h=1.0, arw_deg_sqrt_h=0.1, accel_bias_ug=1000.0, vrw_ug_sqrt_hz=100.0)
 _BETTER = ImuSpec(gyro_bias_deg_h=0.1, arw_deg_sqrt_h=0.01, accel_bias_ug=100.0, vrw_ug_sqrt_hz=50.0)
 _GPS = GpsSpec(vel_std_mps=0.1, pos_std_m=10.0, rate_hz=1.0)
@@ -123,6 +156,16 @@ _LU_GAUSS = Profile(
     velocity_std_mps=0.5,
 )
 
+_WAY = Profile(
+    "car in town, 5 min at 6 to 16 m/s with seven turns, under way from the first sample on",
+    _CAR,
+    _TACTICAL,
+    replace(_GPS, pos_std_m=3.0),
+    attitude_std_deg=(0.5, 0.5, 1.0),
+    velocity_std_mps=0.1,
+    position_std_m=3.0,
+)
+
 PROFILES: dict[str, Profile] = {
     "sun2012": _SUN,
     "sun2012-fixed": replace(
@@ -156,6 +199,8 @@ PROFILES: dict[str, Profile] = {
         )
         for name, spread in {"30": (5.0, 5.0, 30.0), "60": (10.0, 10.0, 60.0), "90": (20.0, 20.0, 90.0)}.items()
     },
+    "car": _WAY,
+    "ship": replace(_WAY, what="ship under way, 5 min at 6 m/s on a winding course, rolling by 6 deg", plan=_SHIP),
 }
 
 

@@ -41,7 +41,9 @@ from solvers.types import Filter, Gaussian, Health, Innovation
 class Integration(ABC):
     """Base of the estimators around a filter. A told start leads straight to the fine phase, an unknown one to the coarse.
 
-    If the task has no coarse phase, an unknown start waits for the first fix (:mod:`solvers.pipeline.switch_on`).
+    The coarse phase of a base that travels goes on until its heading is known. If a task of navigation has none, its filter begins
+    after one of its own. A filter that stands any heading, and alignment, begin at the first fix
+    (:mod:`solvers.pipeline.switch_on`).
     """
 
     navigates: ClassVar[bool]  #: whether the INS and the answer have a position
@@ -92,7 +94,10 @@ class Integration(ABC):
         self._innovation: Innovation | None = None  # of the last epoch
         self._coarse: coarse_methods.Coarse | None = None
         self._past: list[Observation] = []  # epochs of the coarse phase, if they are filtered again
-        self._waiting: Mask = np.zeros(self._batch, dtype=bool)  # runs that have had no fix since switch-on
+        self._waiting: Mask = np.zeros(
+            self._batch, dtype=bool
+        )  # runs that have had no fix since switch-on, or are not aligned
+        self._late = False  # whether the coarse phase goes on beyond its time
         self.ins: StrapdownState | None = None  #: state of the INS; None before the fine phase
         #: Biases of gyro and accelerometer that have been fed back so far, per increment; None if there are none.
         self.bias: tuple[Array, Array] | None = None
@@ -118,9 +123,9 @@ class Integration(ABC):
         self._coarse.add(obs)
         if self.settings.coarse_again:
             self._past.append(switch_on.kept(obs))
-        nav = self._aid.start(obs, self._coarse.attitude())
+        nav = self._coarse.state(self._aid.start(obs, self._coarse.attitude()))
         if self._k * task.epoch_s >= task.coarse_s - 1e-9 * task.epoch_s:
-            nav = self._after_coarse(self._coarse, nav)
+            nav = self._after_coarse(self._coarse, obs, nav)
         return self.answer(nav)
 
     def covariance(self) -> Array:
@@ -128,14 +133,18 @@ class Integration(ABC):
 
         The shape is (..., 3, 3) or (..., 9, 9). Before the fine phase it is the told one.
         """
-        told, reported = self.task.prior.P0, answered(self.navigates)
+        prior, reported = self.task.prior, answered(self.navigates)
+        prior = switch_on.switch_on_prior(prior) if self._late else prior
+        places = ERRORS.places(reported)
+        told = np.broadcast_to(prior.P0[np.ix_(places, places)], (*self._batch, reported.size, reported.size))
         if self.belief is None:
-            places = ERRORS.places(reported)
-            return np.broadcast_to(told[np.ix_(places, places)], (*self._batch, reported.size, reported.size)).copy()
+            return told.copy()
         assert self.ins is not None
         x, P = self._coordinates.gaussian(self.filter.estimate(self.belief), self.ins.nav)
         here = self._errors.states.span(*reported.names)
-        return reset.corrected_covariance(x[..., self._phi], P[..., here, here])
+        found = reset.corrected_covariance(x[..., self._phi], P[..., here, here])
+        late = self._waiting if self._coarse is not None else np.array(False)
+        return np.where(late[..., None, None], told, found) if late.any() else found
 
     def health(self) -> Health | None:
         """Return repairs and failures of each run so far; None in the coarse phase."""
@@ -202,7 +211,9 @@ class Integration(ABC):
 
     def _begin(self, batch: tuple[int, ...]) -> None:
         self._batch, start = batch, self.task.start
-        self._waiting = np.full(batch, start is None and not self.task.coarse_s)
+        at_once = start is None and not self.task.coarse_s
+        aligns = self.navigates and not getattr(self.filter, "any_heading", False) and not self.settings.coarse_again
+        self._waiting = np.full(batch, at_once and not aligns)
         if self._waiting.any():
             return
         if start is None:
@@ -229,29 +240,57 @@ class Integration(ABC):
         last = again is not None and self._k == len(again.past)
         now = self._waiting & ((obs["gps_valid"][..., 0] == 1) | last)
         if nav is None or now.any():
-            ins, bias, belief, own = self.ins, self.bias, self.belief, self.own
-            self._start_fine(start, switch_on.switch_on_prior(self.task.prior).P0 if again is None else again.P0)
-            self.ins = StrapdownState(start, carried_sample(obs["dtheta"], obs["dvel"]))
-            if nav is not None:
-                self.ins, self.belief = choose(now, self.ins, ins), mixed(now, self.belief, belief)
-                if bias is not None:
-                    gyro, accel = (np.where(now[..., None], 0.0, part) for part in bias)
-                    self.bias = gyro, accel
-                self.own = {name: np.where(now[..., None], 0.0, part) for name, part in own.items()}
+            P0 = switch_on.switch_on_prior(self.task.prior).P0 if again is None else again.P0
+            self._join(now, start, P0, carried_sample(obs["dtheta"], obs["dvel"]), first=nav is None)
         answer: NavState = start if nav is None else choose(self._waiting, start, nav)
         self._waiting = self._waiting & ~now
         return answer
 
-    def _after_coarse(self, coarse: coarse_methods.Coarse, nav: NavState) -> NavState:
-        """Begin the fine phase after the coarse one, which ends at ``nav``, and return the answer."""
-        self._coarse, spread = None, coarse.spread()
-        if not self.settings.coarse_again:
-            P0 = self.task.prior.P0
-            if spread is not None and not self.task.coarse_told:
-                P0 = told_by(spread, self.task.prior, nav.q_nb if self.settings.bias_frame == "nav" else None)
-            self._start_fine(nav, P0)
-            return nav
-        again = switch_on.second_pass(self.task, self._past, nav.q_nb, spread)
+    def _join(self, now: Mask, start: NavState, P0: Array, last: Array | None, first: bool) -> None:
+        """Begin the fine phase in the runs ``now`` (...), and if they are the ``first`` provisionally in all."""
+        ins, bias, belief, own = self.ins, self.bias, self.belief, self.own
+        self._start_fine(start, P0)
+        self.ins = StrapdownState(start, last)
+        if first:
+            return
+        self.ins, self.belief = choose(now, self.ins, ins), mixed(now, self.belief, belief)
+        if bias is not None:
+            gyro, accel = (np.where(now[..., None], 0.0, part) for part in bias)
+            self.bias = gyro, accel
+        self.own = {name: np.where(now[..., None], 0.0, part) for name, part in own.items()}
+
+    def _after_coarse(self, coarse: coarse_methods.Coarse, obs: Observation, start: NavState) -> NavState:
+        """Begin the fine phase in the runs that are due after the coarse one, which has led to ``start``; return the answer."""
+        if self.settings.coarse_again:
+            return self._again(coarse, start)
+        nav = None if self.ins is None else self._fine(obs)
+        if not self._late:
+            self._waiting = np.ones(self._batch, dtype=bool)
+        now = self._waiting & (coarse.due if self.navigates else True)
+        if now.any():
+            last = carried_sample(obs["dtheta"], obs["dvel"]) if self._late else None
+            self._join(now, start, self._found(coarse, start), last, first=nav is None)
+        answer = start if nav is None else choose(self._waiting, start, nav)
+        self._waiting, self._late = self._waiting & ~now, True
+        if not self._waiting.any():
+            self._coarse = None
+        return answer
+
+    def _found(self, coarse: coarse_methods.Coarse, nav: NavState) -> Array:
+        """Return the covariance P0 of the errors after the coarse phase, (15, 15) or (..., 15, 15)."""
+        prior, spread = self.task.prior, coarse.spread()
+        if spread is None or (self.task.coarse_told and self.task.coarse_s):
+            return prior.P0
+        q_nb = nav.q_nb if self.settings.bias_frame == "nav" else None
+        if not coarse.travels.any():
+            return told_by(spread, prior, q_nb)
+        travels = coarse.travels[..., None, None]
+        return np.where(travels, *(told_by(spread, one, q_nb) for one in (switch_on.switch_on_prior(prior), prior)))
+
+    def _again(self, coarse: coarse_methods.Coarse, nav: NavState) -> NavState:
+        """Filter the epochs of the coarse phase, which ends at ``nav``, again, and return the answer."""
+        self._coarse = None
+        again = switch_on.second_pass(self.task, self._past, nav.q_nb, coarse.spread())
         self._past, self._k, self._waiting = [], 0, np.ones(self._batch, dtype=bool)
         self._samples.clear()
         for obs in again.past:

@@ -64,6 +64,7 @@ class GSFEKF(MixtureFilter[Bank]):
     merge_within: float = 0.5  #: distance to the best slice, in standard deviations, at which one is merged
     estimate_by: str = "mean"  #: "mean" of the mixture, or "best", its likeliest component alone
     axis: int | None = None  #: index of the angle in the state; None: the filter finds it
+    any_heading: ClassVar[bool] = True  #: it needs no coarse phase
 
     def __post_init__(self) -> None:
         keep(self, "spacing_deg", number, above=0.0, most=360.0)

@@ -21,6 +21,7 @@ from sins_env import attitude, earth
 from sins_env.arrays import Array
 from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.fits import by_svd, triad
+from solvers.pipeline.coarse.on_the_spot import OnTheSpot
 from solvers.pipeline.coarse.spread import Spread, of_means
 from solvers.pipeline.strapdown import cross
 
@@ -41,7 +42,7 @@ def _rows(form: int, g: Array, w: Array) -> Array:
     return np.stack([g, w, gxw] if form == 1 else [g, gxw, cross(gxw, g)], axis=-2)
 
 
-class Analytic:
+class Analytic(OnTheSpot):
     """Form 1, 2 or 3 with the means over all epochs so far, made a rotation by the SVD; batch first.
 
     If there is no force, or one along the rate, the missing directions are arbitrary; this is not an error.

@@ -4,6 +4,9 @@
     sways     the velocities of the fixes explain the specific force better than rest does; a method with velocities
     rests     else; the usual method of the estimator
 
+The fine phase of a base that travels begins with a reading of its velocity, and not before its heading is known to five degrees.
+Until then the coarse phase goes on, and every ten seconds the heading's spread is computed again.
+
 A base travels from the epoch on at which its way exceeds ten metres and what the noise of the readings can feign. The rest is
 judged at the end of the coarse phase, by what is left of the pairs of velocities: with those of the fixes, and with none. If
 neither explains the force, the base moves in a way that nothing shows, and the attitude is told to be unknown. Each run is
@@ -19,7 +22,7 @@ import numpy as np
 from sins_env import earth
 from sins_env.arrays import Array, Mask
 from sins_env.prior import SWITCH_ON_STD_DEG
-from sins_env.types import Observation, Task
+from sins_env.types import NavState, Observation, Task
 from sins_env.units import DEG
 from solvers.pipeline.coarse.aided import Windows
 from solvers.pipeline.coarse.fits import by_svd
@@ -31,21 +34,39 @@ WAY_M = 10.0  #: m, way within which a base may sway
 SIGMAS = 5.0  #: standard deviations of the noise that a way has to exceed, too
 FEWEST = 10  #: least number of fixes that show a sway
 UNEXPLAINED_MPS = 1.0  #: m/s, RMS of what is left of the pairs of a base whose motion nothing shows
-KNOWN_DEG = 5.0  #: deg, standard deviation of a heading that is not known well enough after motion
+KNOWN_DEG = 5.0  #: deg, standard deviation of the heading with which a fine phase may begin after motion
+LOOK_S = 10.0  #: s, from one look at that to the next, and before the first if the task has no coarse phase
+PATIENCE_S = 60.0  #: s, in which a base that moves may turn before there is a warning, if the task has no coarse phase
 
 
 class FromData:
     """The usual method of an estimator, and beside it those in motion, one of which takes over in the runs that ask for it."""
 
     def __init__(self, task: Task, batch: tuple[int, ...], usual: str) -> None:
-        self._task, self._k, self._end = task, 0, round(task.coarse_s / task.epoch_s)
-        self._usual, self._by_fixes = METHODS[usual](task, batch), Velocity(task, batch)
-        self._by_body = None if body_sensor(task) is None else Body(task, batch)
+        self._task, self._k = task, 0
+        self._look = max(round(LOOK_S / task.epoch_s), 1)  # epochs from one to the next
+        self._end = round(task.coarse_s / task.epoch_s) or self._look
+        self._warn_from = self._end if task.coarse_s else round(PATIENCE_S / task.epoch_s)
+        self._usual = METHODS[usual](task, batch)
+        self._by_fixes = Velocity(task, batch, open_ended=True)
+        self._by_body = None if body_sensor(task) is None else Body(task, batch, open_ended=True)
         self._way, self._squares = np.zeros((*batch, 3)), np.zeros((*batch, 1))
         self._last = np.zeros((*batch, 3)), np.full((*batch, 1), np.nan)  # velocity and time of the last fix
         self._noise = max(task.prior.gps_vel_std_mps)
         #: Runs (...) in which the velocities of fixes, those along the body, or nothing that is known explain the motion.
         self.fixes, self.body, self.unexplained = (np.zeros(batch, dtype=bool) for _ in range(3))
+        self._asked = self._known = np.zeros(batch, dtype=bool)  # whether the heading is looked at, and known
+        self._spread: Spread | None = None
+
+    @property
+    def travels(self) -> Mask:
+        """In which runs (...) the base does not stay where it is."""
+        return self.fixes | self.body | self.unexplained
+
+    @property
+    def due(self) -> Mask:
+        """In which runs (...) the fine phase may begin."""
+        return self._known
 
     def add(self, obs: Observation) -> None:
         """Take one more epoch."""
@@ -56,8 +77,27 @@ class FromData:
         if self._by_body is not None:
             self._by_body.add(obs)
             self.body = (self.body | (self._by_body.way > WAY_M)) & ~self.fixes
-        if self._k == self._end:
+        if self._k >= self._end:
+            self._decide(obs)
+
+    def _decide(self, obs: Observation) -> None:
+        """Judge the motion from time to time, and in the runs that travel the heading at the next reading."""
+        if (self._k - self._end) % self._look == 0:
             self._judge()
+            self._asked = np.ones(self.fixes.shape, dtype=bool)
+        travels, valid = self.travels, obs["gps_valid"][..., 0] == 1
+        now = self._asked & travels & (valid | self.body)
+        self._known = self._asked & ~travels
+        if now.any():
+            if self._by_body is not None:
+                self._by_body.settle()
+            spread = self._of_all()
+            sigma = np.sqrt(told_by(spread, self._task.prior)[..., PHI.stop - 1, PHI.stop - 1]) / DEG
+            self._known = self._known | (now & (sigma < KNOWN_DEG))
+            unknown = now & ~self._known
+            if unknown.any() and self._warn_from <= self._k < self._warn_from + self._look:
+                self._warn(unknown, sigma)
+        self._asked = self._asked & ~now
 
     def _go(self, obs: Observation) -> None:
         """Integrate the velocities of the fixes to a way."""
@@ -104,36 +144,42 @@ class FromData:
         pairs = [(self.fixes, self._by_fixes), (self.body, self._by_body)]
         return [(chosen, method) for chosen, method in pairs if method is not None and chosen.any()]
 
+    def state(self, nav: NavState) -> NavState:
+        """Return the state of the INS, which in runs that travel has the velocity and the place of their method."""
+        for chosen, method in self._others():
+            own = method.state(nav)
+            nav = NavState(*(np.where(chosen[..., None], new, old) for new, old in zip(own, nav, strict=True)))
+        return nav
+
     def spread(self) -> Spread | None:
-        """Return what the attitude is off by at the end of the coarse phase; None where the usual method knows none in all runs."""
-        others, usual = self._others(), self._usual.spread()
-        if not others and not self.unexplained.any():
-            return usual
+        """Return what the attitude is off by; None where the usual method knows none in all runs."""
+        return self._of_all() if self.travels.any() else self._usual.spread()
+
+    def _of_all(self) -> Spread:
+        """Return what the attitude is off by in runs of all kinds."""
+        usual = self._usual.spread()
         told = independent(self._task.prior.P0[PHI, PHI]) if usual is None else usual
-        for chosen, method in others:
+        for chosen, method in self._others():
             own = method.spread()
             assert own is not None
             told = replaced(told, chosen, own)
-            self._warn(chosen & ~self.unexplained, own)
         if self.unexplained.any():
-            nothing = np.diag(np.square(DEG * np.array(SWITCH_ON_STD_DEG)))
-            told = replaced(told, self.unexplained, independent(nothing))
-            warn("neither rest nor the velocities of fixes explain the specific force in the coarse phase: heading unknown")
+            told = replaced(told, self.unexplained, independent(np.diag(np.square(DEG * np.array(SWITCH_ON_STD_DEG)))))
         return told
 
-    def _warn(self, chosen: Mask, own: Spread) -> None:
-        """Warn of runs in which too little motion leaves the heading unknown."""
-        sigma = np.sqrt(told_by(own, self._task.prior)[..., PHI.stop - 1, PHI.stop - 1])[chosen] / DEG
-        if sigma.size and sigma.max() > KNOWN_DEG:
-            warn(
-                f"the base moves in the coarse phase of {self._task.coarse_s:g} s, and too little changes its velocity: "
-                f"heading known to {sigma.max():.3g} deg only; a longer coarse phase with turns, or one at rest, tells more"
+    def _warn(self, unknown: Mask, sigma: Array) -> None:
+        """Warn of runs (...) whose heading is not known, with its standard deviation in deg."""
+        begin = f"coarse phase, {self._k * self._task.epoch_s:g} s: the base moves, and"
+        if (unknown & self.unexplained).any():
+            text = (
+                f"{begin} neither rest nor any velocity that is measured explains the specific force: heading unknown"
             )
-
-
-def warn(text: str) -> None:
-    """Warn of an attitude that is not known."""
-    warnings.warn(text, RuntimeWarning, stacklevel=2)
+        else:
+            text = (
+                f"{begin} its velocity changes too little: heading known to {sigma[unknown].max():.3g} deg only; "
+                "the coarse phase goes on until turns or changes of speed show it"
+            )
+        warnings.warn(text, RuntimeWarning, stacklevel=2)
 
 
 def independent(noise: Array) -> Spread:

@@ -16,13 +16,14 @@ from sins_env import attitude, earth
 from sins_env.arrays import Array
 from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.fits import Fit, triad
+from solvers.pipeline.coarse.on_the_spot import OnTheSpot
 from solvers.pipeline.coarse.spread import Spread, outer
 from solvers.pipeline.strapdown import carried_sample, chain, interval_increments
 
 EARLY_SHARE = 50 / 180  #: share of the coarse phase after which two vectors take the first pair, 000 section 2.4
 
 
-class InertialFrame(ABC):
+class InertialFrame(OnTheSpot, ABC):
     """The two integrals, batch first. The methods differ in how they keep and fit pairs of them."""
 
     def __init__(self, task: Task, batch: tuple[int, ...]) -> None:

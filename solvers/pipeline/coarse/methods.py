@@ -6,8 +6,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Protocol
 
-from sins_env.arrays import Array
-from sins_env.types import Observation, Task
+from sins_env.arrays import Array, Mask
+from sins_env.types import NavState, Observation, Task
 from solvers.pipeline.coarse.aided import Windows
 from solvers.pipeline.coarse.analytic import Analytic
 from solvers.pipeline.coarse.fits import by_davenport, by_svd
@@ -24,6 +24,14 @@ class Coarse(Protocol):
     def attitude(self) -> Array: ...
 
     def spread(self) -> Spread | None: ...
+
+    def state(self, nav: NavState) -> NavState: ...
+
+    @property
+    def travels(self) -> Mask: ...
+
+    @property
+    def due(self) -> Mask: ...
 
 
 METHODS: dict[str, Callable[[Task, tuple[int, ...]], Coarse]] = {

@@ -21,7 +21,7 @@ import numpy as np
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
-from sins_env.types import Observation, Task
+from sins_env.types import NavState, Observation, Task
 from sins_env.units import PPM
 from solvers.pipeline.coarse.fits import by_svd
 from solvers.pipeline.coarse.inertial import InertialFrame
@@ -92,12 +92,15 @@ class InMotion(InertialFrame, ABC):
     degree: ClassVar[int] = 0
     exact_in_i: ClassVar[bool] = False  #: whether the vectors in i have the smaller noise; else those in ib_0 have
 
-    def __init__(self, task: Task, batch: tuple[int, ...]) -> None:
+    def __init__(self, task: Task, batch: tuple[int, ...], open_ended: bool = False) -> None:
+        """Begin; ``open_ended`` keeps what the spread needs beyond the coarse phase of the task."""
         super().__init__(task, batch)
+        self.travels = np.array(True)
+        self._open = open_ended
         self._task, self._model = task, earth.get(task.site.earth)
         self._lever = np.asarray(task.gps.lever_arm_m)
         self._place = np.broadcast_to(task.site.pos, (*batch, 3))
-        self._vel = np.zeros((*batch, 3))
+        self._vel, self._fixed = np.zeros((*batch, 3)), np.zeros((*batch, 1), dtype=bool)
         self._sums = Sums(self.degree, batch)
         self._spread_at = round(task.coarse_s / task.epoch_s)
         self._seen: list[Epoch] = []  # as far as the spread is asked for
@@ -106,13 +109,13 @@ class InMotion(InertialFrame, ABC):
         valid = self._move(obs)
         u, v = self._pair(obs, valid)
         self._sums.add(self._time, u, v, valid)
-        if self._k <= self._spread_at:
+        if self._open or self._k <= self._spread_at:
             self._seen.append(Epoch(self._v_b, u, v, self._q, self._place, valid))
         if self._k == self._spread_at:
-            self._settle()
+            self.settle()
 
-    def _settle(self) -> None:
-        """Do what is left to do at the end of the coarse phase."""
+    def settle(self) -> None:
+        """Take the epochs so far again with what they have led to, before the attitude counts."""
 
     @property
     def _time(self) -> float:
@@ -123,6 +126,7 @@ class InMotion(InertialFrame, ABC):
         valid: Mask = obs["gps_valid"] == 1
         ahead = earth.displace(self._model, self._place, self._epoch_s * self._vel)
         self._place = np.where(valid, obs["gps_pos"], ahead)
+        self._fixed = valid
         return valid
 
     @abstractmethod
@@ -143,8 +147,13 @@ class InMotion(InertialFrame, ABC):
         """Return C_n^i (omega_ie x v - g) for the velocity (..., 3) at the place."""
         return self._to_i(pull(self._model, self._place, vel))
 
+    def state(self, nav: NavState) -> NavState:
+        """Return the state of the INS: that of the fix, or without one the last velocity and the place that it leads to."""
+        fixed = self._fixed
+        return NavState(nav.q_nb, np.where(fixed, nav.vel, self._vel), np.where(fixed, nav.pos, self._place))
+
     def spread(self) -> Spread | None:
-        """Return what the attitude is off by at the end of the coarse phase; None at other times."""
+        """Return what the attitude is off by, after an epoch that was kept for that; else None."""
         if not self._seen or self._k != len(self._seen):
             return None
         force, u, v, q, place, valid = self.seen()
@@ -196,8 +205,8 @@ class InMotion(InertialFrame, ABC):
 class Velocity(InMotion):
     """Pairs of velocities, from the velocity of the fixes."""
 
-    def __init__(self, task: Task, batch: tuple[int, ...]) -> None:
-        super().__init__(task, batch)
+    def __init__(self, task: Task, batch: tuple[int, ...], open_ended: bool = False) -> None:
+        super().__init__(task, batch, open_ended)
         self._integral = Trapezoids(batch)
 
     def _move(self, obs: Observation) -> Mask:
@@ -218,8 +227,8 @@ class Position(InMotion):
 
     degree = 1
 
-    def __init__(self, task: Task, batch: tuple[int, ...]) -> None:
-        super().__init__(task, batch)
+    def __init__(self, task: Task, batch: tuple[int, ...], open_ended: bool = False) -> None:
+        super().__init__(task, batch, open_ended)
         self._way_b = np.zeros((*batch, 3))  # m, the integral of v_b
         self._way = np.zeros((*batch, 3))  # m in i, by the fixes
         self._fallen, self._turned = Trapezoids(batch), Trapezoids(batch)
@@ -267,8 +276,8 @@ class Body(InMotion):
 
     exact_in_i = True
 
-    def __init__(self, task: Task, batch: tuple[int, ...]) -> None:
-        super().__init__(task, batch)
+    def __init__(self, task: Task, batch: tuple[int, ...], open_ended: bool = False) -> None:
+        super().__init__(task, batch, open_ended)
         self._spec = body_sensor(task)
         if self._spec is None:
             raise ValueError(
@@ -304,7 +313,7 @@ class Body(InMotion):
             v_b, C = 0.5 * (self._before[0] + v_b), 0.5 * (attitude.to_dcm(self._before[1]) + C)
         self._before = self._v_b, self._q
         along = np.matmul(C, self._velocity(obs)[..., None])[..., 0]
-        if self._k <= self._spread_at:
+        if self._open or self._k <= self._spread_at:
             self._read.append((v_b, along, valid))
         return self._swept_to(self._time, along, valid, self._fit()), v_b - along
 
@@ -330,14 +339,13 @@ class Body(InMotion):
         self._swept = self._integral.to(t, pulled, self._every)
         return 0.5 * (before + self._swept) if self._mean else self._swept
 
-    def _settle(self) -> None:
+    def settle(self) -> None:
         for _ in range(REPEATS):
             C = self._fit()
             self._begin()
             for k, (v_b, along, valid) in enumerate(self._read, start=1):
                 t = k * self._epoch_s
                 self._sums.add(t, self._swept_to(t, along, valid, C), v_b - along, valid)
-        self._read = []
 
     def _readings(self, c: Array, C_b: Array, C_n: Array, along: Array) -> Readings:
         spec = self._spec

@@ -74,9 +74,9 @@ def test_a_base_at_rest_needs_no_velocity(task):
 
 
 def test_the_default_of_the_coarse_phase():
-    assert (Navigator(KF()).settings.coarse, Aligner(KF()).settings.coarse) == ("svd", "aided")
+    assert (Navigator.default.coarse, Aligner.default.coarse) == ("svd", "aided")
     pipeline = make("ckf")
-    assert (pipeline.navigator.settings.coarse, pipeline.aligner.settings.coarse) == ("svd", "aided")
+    assert (pipeline.navigator.settings.coarse, pipeline.aligner.settings.coarse) == (None, None)
     pipeline = make("ckf", coarse="two_vector")
     assert (pipeline.navigator.settings.coarse, pipeline.aligner.settings.coarse) == ("two_vector",) * 2
     with pytest.raises(ValueError, match="did you mean 'svd'"):

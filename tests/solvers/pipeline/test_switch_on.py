@@ -43,7 +43,9 @@ def record(env_id, runs, epochs, **settings):
 @pytest.mark.parametrize("env_id", SETTINGS)
 @pytest.mark.parametrize("name", ["ckf", "gsf_ekf", "gsf_imm"])
 def test_each_run_begins_at_its_own_first_fix(env_id, name):
-    """In a batch as alone; before, the answer is the level."""
+    """In a batch as alone; before, the answer is the level. A single filter aligns in flight by itself."""
+    if (env_id, name) == ("SINS/NavFlight-v0", "ckf"):
+        pytest.skip("see tests/solvers/pipeline/coarse/test_in_motion.py")
     task, seen = record(env_id, 2, 14, **SETTINGS[env_id])
     first = (3, 8)
     for k, obs in enumerate(seen, start=1):

@@ -11,6 +11,7 @@ from solvers.pipeline import coarse
 from solvers.pipeline.coarse import METHODS
 from solvers.pipeline.coarse_only import CoarseAligner
 
+DVL = {"aids": {"dvl": {}}}  #: for the method that needs a velocity along the body
 INERTIAL = [method for method in METHODS if not method.startswith("analytic")]
 NAMES = {
     "coarse_inertial": "svd",
@@ -41,7 +42,8 @@ def align(method, seconds, runs, **kwargs):
 
 
 def test_exact_on_a_still_base():
-    still = {"env": "SINS/AlignStatic-v0", "imu": "perfect", "gps": "perfect", "n_sub": 3, "heading_deg": None}
+    exact = {"aids": {"dvl": {"noise_mps": 0.0, "scale_ppm": 0.0, "mounting_mrad": 0.0}}}
+    still = {"env": "SINS/AlignStatic-v0", "imu": "perfect", "gps": "perfect", "n_sub": 3, "heading_deg": None, **exact}
     for method, phi in align_all(METHODS, 60.0, 2, **still).items():
         assert np.degrees(np.abs(phi[-1])).max() * 3600 < 1.0, method
 
@@ -65,12 +67,12 @@ def test_spread_after_180_seconds_of_sway():
 
 
 def test_level_from_the_first_seconds():
-    for method, phi in align_all(INERTIAL, 30.0, 8).items():
+    for method, phi in align_all(INERTIAL, 30.0, 8, **DVL).items():
         assert np.degrees(np.abs(phi[50:, :, :2])).max() < 1.0, method
 
 
 def test_the_longitude_does_not_matter_and_a_batch_is_its_runs():
-    env = gymnasium.make_vec("SINS/AlignSway-v0", num_envs=3, start="unknown", coarse=20.0, duration=30.0)
+    env = gymnasium.make_vec("SINS/AlignSway-v0", num_envs=3, start="unknown", coarse=20.0, duration=30.0, **DVL)
     obs, _ = env.reset(seed=1)
     whole = [coarse.start(m, env.unwrapped.task, (3,)) for m in METHODS]
     alone = [coarse.start(m, env.unwrapped.task, ()) for m in METHODS]
@@ -110,7 +112,7 @@ def test_estimators_are_their_methods_and_settings_of_the_aligner(name):
 @pytest.mark.parametrize("method", METHODS)
 def test_a_run_without_numbers_is_lost_alone(method):
     """Before the first epoch any attitude; increments that are not finite give NaN, which is a failed epoch, to one run only."""
-    env = gymnasium.make_vec("SINS/AlignSway-v0", num_envs=2, start="unknown", coarse=20.0, duration=30.0)
+    env = gymnasium.make_vec("SINS/AlignSway-v0", num_envs=2, start="unknown", coarse=20.0, duration=30.0, **DVL)
     obs, _ = env.reset(seed=1)
     found = []
     for broken in (False, True):
@@ -127,7 +129,7 @@ def test_a_run_without_numbers_is_lost_alone(method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_no_force_is_no_error(method):
-    env = gymnasium.make("SINS/AlignStatic-v0", start="unknown", coarse=20.0, duration=30.0)
+    env = gymnasium.make("SINS/AlignStatic-v0", start="unknown", coarse=20.0, duration=30.0, **DVL)
     obs, _ = env.reset(seed=1)
     aligner = coarse.start(method, env.unwrapped.task, ())
     for _ in range(5):
