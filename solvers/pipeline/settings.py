@@ -26,7 +26,7 @@ class Settings:
     ``coordinates``: coordinates of the errors that the filter estimates, "euler", "invariant"
     (:mod:`solvers.pipeline.errors.invariant`) or "equivariant" (:mod:`solvers.pipeline.errors.equivariant`).
     The default is "euler".
-    ``coarse``: method of the coarse phase, which an unknown start needs (:mod:`solvers.pipeline.coarse`). By default the data
+    ``coarse``: method of the coarse phase, which an unknown start needs (:mod:`solvers.pipeline.coarse`). Without one the data
     decide (:mod:`solvers.pipeline.coarse.choice`). A base that stays on the spot is aligned by "aided", or in navigation by
     "svd", for there it mostly stands more still than the velocities of fixes tell. One that travels is aligned in motion.
     ``coarse_again``: whether the epochs of the coarse phase are then filtered again, from the first fix on

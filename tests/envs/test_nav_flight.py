@@ -57,7 +57,7 @@ def test_defaults(name):
     json.dumps(env.spec.kwargs)
     P = np.sqrt(np.diag(task.prior.P0))
     assert_allclose(np.degrees(P[:3]), profile.attitude_std_deg)
-    assert_allclose(P[3:9], [profile.velocity_std_mps] * 3 + [10.0] * 3)
+    assert_allclose(P[3:9], [profile.velocity_std_mps] * 3 + [profile.position_std_m] * 3)
     assert_allclose(P[9:12] / DEG_PER_H, profile.imu.gyro_bias_deg_h)
     assert_allclose(P[12:] / UG, profile.imu.accel_bias_ug)
 
@@ -74,6 +74,8 @@ TOLD = {
     "hotstart30": ((5, 5, 30), 0.1, 10, 1, 1000, 0.1, 100, (10, 10, 10), 1),
     "hotstart60": ((10, 10, 60), 0.1, 10, 1, 1000, 0.1, 100, (10, 10, 10), 1),
     "hotstart90": ((20, 20, 90), 0.1, 10, 1, 1000, 0.1, 100, (10, 10, 10), 1),
+    "car": ((0.5, 0.5, 1), 0.1, 3, 1, 1000, 0.1, 100, (3, 3, 3), 1),
+    "ship": ((0.5, 0.5, 1), 0.1, 3, 1, 1000, 0.1, 100, (3, 3, 3), 1),
 }
 
 
@@ -330,6 +332,7 @@ def test_what_is_told_after_coarse_alignment_is_what_comes_out(profile, share):
 BAD = [
     ({"profile": "sun2013"}, "unknown profile 'sun2013'; did you mean 'sun2012'?"),
     ({"profile": 3}, "unknown profile 3; allowed: a YAML or JSON file, a dict of a flight, a table of a track, "),
+    ({"profile": 3}, "unknown profile 3; allowed: a YAML or JSON file, a dict of a flight, car, hotstart30"),
     ({"profile": {"latitude_deg": 1.0}}, "the flight has no longitude_deg"),
     ({"profile": {**OWN, "segments": [["clmb", 3, 1]]}}, "did you mean 'climb'"),
     ({"duration": 901.0}, "duration = 901.0; allowed: at most 900 s, the length of the flight"),

@@ -23,12 +23,12 @@ from sins_env import earth
 from sins_env.arrays import Array, Mask
 from sins_env.prior import SWITCH_ON_STD_DEG
 from sins_env.types import NavState, Observation, Task
-from sins_env.units import DEG
+from sins_env.units import DEG, DEG_PER_H, UG
 from solvers.pipeline.coarse.aided import Windows
 from solvers.pipeline.coarse.fits import by_svd
 from solvers.pipeline.coarse.methods import METHODS, Coarse
 from solvers.pipeline.coarse.motion import Body, Velocity, body_sensor, pull, turns, without_polynomials
-from solvers.pipeline.coarse.spread import PHI, Spread, profile, told_by
+from solvers.pipeline.coarse.spread import DV, PHI, Spread, profile, told_by
 
 WAY_M = 10.0  #: m, way within which a base may sway
 SIGMAS = 5.0  #: standard deviations of the noise that a way has to exceed, too
@@ -113,7 +113,6 @@ class FromData:
     def _judge(self) -> None:
         """Judge sway, and whether anything explains the force."""
         force, u, v, _, _, valid = self._by_fixes.seen()
-        sigma = np.sqrt(3.0) * self._noise
         fixed, number = left_over(u, v, valid), valid.sum(axis=(0, -1))
         rest = left_over(self._at_rest(len(u), u.ndim), force, valid)
         if not isinstance(self._usual, Windows):
@@ -121,7 +120,17 @@ class FromData:
             self.fixes = self.fixes | (~self.body & (number >= FEWEST) & (fixed < rest) & any_velocity)
         always = left_over(self._at_rest(len(u), u.ndim), force, np.ones_like(valid))
         left = np.where(self.fixes, fixed, np.where(number >= FEWEST, np.minimum(fixed, rest), always))
-        self.unexplained = ~self.body & (left > max(UNEXPLAINED_MPS, SIGMAS * sigma))
+        self.unexplained = ~self.body & (left > max(UNEXPLAINED_MPS, SIGMAS * self._usual_rms(len(u))))
+
+    def _usual_rms(self, epochs: int) -> float:
+        """Return about what the told errors of fixes and IMU leave of pairs over so many epochs, m/s."""
+        task, prior = self._task, self._task.prior
+        t, g = epochs * task.epoch_s, float(earth.gravity(earth.get(task.site.earth), *task.site.pos[[0, 2]]))
+        walk = np.sqrt(epochs * np.array([prior.Q[PHI, PHI].max(), prior.Q[DV, DV].max()]))
+        tilt = 0.5 * prior.gyro_bias_std_deg_h * DEG_PER_H * t + walk[0]
+        return float(
+            np.sqrt(3.0) * np.hypot(self._noise, np.hypot(prior.accel_bias_std_ug * UG * t + walk[1], g * t * tilt))
+        )
 
     def _at_rest(self, epochs: int, ndim: int) -> Array:
         """Return the vectors (K, 1, ..., 3) in i of pairs of a base at rest."""

@@ -27,11 +27,11 @@ def test_every_part_has_the_settings_that_the_user_gave():
 
 
 def test_what_is_not_given_is_as_the_filter_asks_else_the_default():
-    open_loop, closed = Settings(feedback="open", coordinates="euler", coarse="aided"), {"feedback": "closed"}
+    open_loop, closed = Settings(feedback="open", coordinates="euler"), {"feedback": "closed"}
     assert Aligner(make_filter("ckf")).settings == open_loop
     assert Aligner(make_filter("kf")).settings == dataclasses.replace(open_loop, **closed)
-    assert Aligner(make_filter("inekf")).settings == Settings("exact", "body", "closed", "invariant", "aided")
-    assert Navigator(make_filter("ckf")).settings == Settings(feedback="closed", coordinates="euler", coarse="svd")
+    assert Aligner(make_filter("inekf")).settings == Settings("exact", "body", "closed", "invariant")
+    assert Navigator(make_filter("ckf")).settings == Settings(feedback="closed", coordinates="euler")
     assert Navigator(make_filter("gsf_ekf")).settings.coordinates == "invariant"
     assert Navigator(make_filter("gsf_ekf"), coordinates="euler").settings.coordinates == "euler"
 
