@@ -117,7 +117,9 @@ class FromData:
         rest = left_over(self._at_rest(len(u), u.ndim), force, valid)
         if not isinstance(self._usual, Windows):
             any_velocity = np.abs(self._last[0]).sum(axis=-1) + np.abs(self._way).sum(axis=-1) > 0.0
-            self.fixes = self.fixes | (~self.body & (number >= FEWEST) & (fixed < rest) & any_velocity)
+            chance = SIGMAS * 2.0 * fixed * self._noise / np.sqrt(np.maximum(number, 1))  # of rest^2 - fixed^2, at rest
+            sways = (number >= FEWEST) & (rest**2 > fixed**2 + chance) & any_velocity
+            self.fixes = self.fixes | (~self.body & sways)
         always = left_over(self._at_rest(len(u), u.ndim), force, np.ones_like(valid))
         left = np.where(self.fixes, fixed, np.where(number >= FEWEST, np.minimum(fixed, rest), always))
         self.unexplained = ~self.body & (left > max(UNEXPLAINED_MPS, SIGMAS * self._usual_rms(len(u))))
