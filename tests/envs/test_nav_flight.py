@@ -332,7 +332,6 @@ def test_what_is_told_after_coarse_alignment_is_what_comes_out(profile, share):
 BAD = [
     ({"profile": "sun2013"}, "unknown profile 'sun2013'; did you mean 'sun2012'?"),
     ({"profile": 3}, "unknown profile 3; allowed: a YAML or JSON file, a dict of a flight, a table of a track, "),
-    ({"profile": 3}, "unknown profile 3; allowed: a YAML or JSON file, a dict of a flight, car, hotstart30"),
     ({"profile": {"latitude_deg": 1.0}}, "the flight has no longitude_deg"),
     ({"profile": {**OWN, "segments": [["clmb", 3, 1]]}}, "did you mean 'climb'"),
     ({"duration": 901.0}, "duration = 901.0; allowed: at most 900 s, the length of the flight"),
