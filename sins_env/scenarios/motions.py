@@ -13,7 +13,8 @@ from sins_env.recordings import accepted
 from sins_env.scenarios.key import Key, number, one_of, whole
 from sins_env.trajectory.plan import MAX_SPEED_MPS
 from sins_env.trajectory.segments import Segment
-from sins_env.trajectory.sway import AXES, MOTIONS, TURNS, components_of
+from sins_env.trajectory.sway import AXES, MOTIONS, TURNS, components_of, sea
+from sins_env.trajectory.track import BANKS, TABLE_FILES, TrackPlan
 from sins_env.worlds.flight import FlightSettings
 from sins_env.worlds.profiles import PROFILES, flight_profile
 from sins_env.worlds.replay_settings import ReplaySettings
@@ -80,6 +81,34 @@ def _axis(axis: str, name: str, given: Any) -> Any:
     return given
 
 
+def _spectrum(name: str, given: Any) -> Any:
+    sea(given)
+    return given
+
+
+def _table(name: str, given: Any) -> str:
+    if not isinstance(given, (str, os.PathLike)):
+        raise checks.refused(name, given, f"the path of a table that ends in {', '.join(TABLE_FILES)}")
+    TrackPlan.of({"track": given})
+    return str(given)
+
+
+@dataclass(frozen=True)
+class TrackSettings(FlightSettings):
+    """Settings of a flight whose profile is a track."""
+
+    profile: Any = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.profile, Mapping) or "track" not in self.profile:
+            raise checks.refused("motion.table", None, "the path of a table, which a motion of kind track needs")
+        super().__post_init__()
+
+
+def _smooth(name: str, given: Any) -> float:
+    return checks.number(name, given, least=0.0, most=1e4)
+
+
 def _events(name: str, given: Any) -> Any:
     check_events(given)
     return given
@@ -123,9 +152,15 @@ KINDS = {
                     )
                     for axis in AXES
                 ),
+                Key(
+                    "motion.spectrum",
+                    "a sea: jonswap or bretschneider with height_m, peak_period_s and answers such as roll: {deg_per_m: 3}",
+                    "motion.spectrum",
+                    _spectrum,
+                ),
                 VIBRATION,
             ),
-            apart=(("motion",), tuple(f"motion.{axis}" for axis in AXES)),
+            apart=(("motion",), tuple(f"motion.{name}" for name in (*AXES, "spectrum"))),
         ),
         MotionKind("still", "a base that stands still", "SINS/AlignStatic-v0", AlignSettings, (VIBRATION,)),
         MotionKind(
@@ -169,6 +204,18 @@ KINDS = {
             to={f"site.{name}": f"profile.{name}" for name in PLAN_SITE},
             defaults={"profile.latitude_deg": 39.96, "profile.longitude_deg": 116.3},
             apart=(("profile",), tuple(f"profile.{name}" for name in ("segments", "speed_mps", *PLAN_SITE))),
+        ),
+        MotionKind(
+            "track",
+            "a smooth motion through the places of a table, and perhaps with its attitudes",
+            "SINS/NavFlight-v0",
+            TrackSettings,
+            (
+                Key("motion.table", "the table of a track, a CSV or NPZ file", "profile.track", _table, is_file=True),
+                Key("motion.bank", "roll in turns, if the table has none", "profile.bank", one_of(*BANKS)),
+                Key("motion.smooth_m", "standard deviation of the places of the table", "profile.smooth_m", _smooth),
+            ),
+            to={f"site.{name}": f"profile.{name}" for name in ("latitude_deg", "longitude_deg", "height_m", "earth")},
         ),
         MotionKind(
             "recording",

@@ -48,6 +48,7 @@ from sins_env.kernels.algebra import (
 )
 from sins_env.kernels.trigonometry import sincos
 from sins_env.motion import Motion
+from sins_env.trajectory.spectrum import Spectrum
 from sins_env.types import NavState, Site
 from sins_env.units import DEG, G0
 
@@ -133,7 +134,15 @@ def components_of(axis: str, given: Any) -> tuple[Component, ...]:
         ValueError: an unknown setting, a value out of its range, or components that are too large together.
     """
     several = checks.items(given)
-    found = tuple(_component(axis, one) for one in ([given] if several is None else several))
+    return checked(axis, tuple(_component(axis, one) for one in ([given] if several is None else several)))
+
+
+def checked(axis: str, found: tuple[Component, ...]) -> tuple[Component, ...]:
+    """Return components about or along an axis.
+
+    Raises:
+        ValueError: too many of them, or components that are too large together.
+    """
     if len(found) > MOST_COMPONENTS:
         raise ValueError(f"{len(found)} components of {axis}; allowed: at most {MOST_COMPONENTS}")
     total, most = sum(one.amplitude for one in found), MOST_AMPLITUDE[axis]
@@ -143,6 +152,20 @@ def components_of(axis: str, given: Any) -> tuple[Component, ...]:
     if speed > MOST_SPEED_MPS:
         raise ValueError(f"the speeds of {axis} add up to {speed:g} m/s; allowed: at most {MOST_SPEED_MPS:g} m/s")
     return found
+
+
+def sea(given: Any) -> dict[str, tuple[Component, ...]]:
+    """Return the components of a spectrum by axis; their phases are drawn in each run.
+
+    Raises:
+        ValueError: an unknown setting, or a value out of its range.
+    """
+    spectrum = Spectrum.of(given)
+    waves = {axis: spectrum.waves(axis) for axis in spectrum.answers}
+    return {
+        axis: tuple(Component(float(a), 2 * math.pi / float(w)) for a, w in zip(*pair, strict=True))
+        for axis, pair in waves.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -171,6 +194,8 @@ class SwayMotion:
     def of(cls, given: Any) -> SwayMotion:
         """Make a motion from a dict that has, for some axes, a component or a list of them; a motion is returned as it is.
 
+        The key ``spectrum`` adds those of a sea (:class:`sins_env.trajectory.spectrum.Spectrum`), with phases that each run draws.
+
         A component is a dict of ``amplitude_deg`` (along an axis ``amplitude_m``), ``period_s`` and ``phase_deg``. About and
         along an axis that is left out the base stays still.
 
@@ -182,8 +207,12 @@ class SwayMotion:
         if not isinstance(given, Mapping):
             raise checks.refused("motion", given, f"{', '.join(MOTIONS)}, or a dict of {', '.join(AXES)}")
         for name in given:
-            checks.choice("axis of motion", name, AXES)
-        return replace(STILL, components={name: components_of(name, given[name]) for name in AXES if name in given})
+            checks.choice("axis of motion", name, (*AXES, "spectrum"))
+        found = {name: components_of(name, given[name]) for name in AXES if name in given}
+        if given.get("spectrum") is not None:
+            for name, more in sea(given["spectrum"]).items():
+                found[name] = checked(name, (*found.get(name, ()), *more))
+        return replace(STILL, components={name: found[name] for name in AXES if name in found})
 
 
 #: The motion of 000 section 2.5.1. See docs/mathematics/simulation.md#sway.

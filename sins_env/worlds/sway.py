@@ -22,7 +22,8 @@ class AlignSettings(SimulationSettings):
     ``vibration`` adds the vibration of 000 (2.5.5). ``motion`` is "thesis", or "random" for amplitudes, periods and phases
     that each run draws. A dict is a motion of one's own. It has, for some of the axes roll, pitch, yaw, surge, sway and heave, a
     component or a list of them, such as {"roll": {"amplitude_deg": 4, "period_s": 9.5}}. Surge, sway and heave have
-    ``amplitude_m``. A component without ``phase_deg`` has a phase that each run draws.
+    ``amplitude_m``. A component without ``phase_deg`` has a phase that each run draws. ``spectrum`` in it is a sea, such as
+    {"kind": "jonswap", "height_m": 1.2, "peak_period_s": 8, "roll": {"deg_per_m": 3}}.
 
     Raises:
         ValueError: any value out of its range, or values that do not fit together.

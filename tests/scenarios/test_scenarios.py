@@ -150,8 +150,8 @@ def test_a_dict_of_nothing_is_a_scenario():
     assert Scenario.of({}).env_id == "SINS/AlignSway-v0"
     for kind in KINDS.values():
         assert kind.env_id in ENVIRONMENTS
-        assert ENVIRONMENTS[kind.env_id].single.settings is kind.settings
-        if kind.name != "recording":
+        assert issubclass(kind.settings, ENVIRONMENTS[kind.env_id].single.settings)
+        if kind.name not in ("recording", "track"):  # they need a file
             ENVIRONMENTS[kind.env_id].single.make_world(dict(Scenario.of({"motion": kind.name}).kwargs))
 
 

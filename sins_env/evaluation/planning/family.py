@@ -14,6 +14,9 @@ from sins_env.evaluation.planning.compute import forecast
 from sins_env.evaluation.planning.forecast import Forecast
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask
+from sins_env.scenarios.key import TASK
+from sins_env.scenarios.motions import KINDS
+from sins_env.scenarios.table import keys_of
 
 MOST_MEMBERS = 24  #: most members of a family
 
@@ -56,13 +59,25 @@ def bound(
 
 
 def varied(task: EvaluationTask, name: str, value: Any) -> EvaluationTask:
-    """Return a task with another setting; ``name`` is one of its environment's, or one of its fields, as in "gps.rate_hz".
+    """Return a task with another setting, whose runs have the same seeds, and so the same motions.
 
-    Its runs have the same seeds, and so the same motions.
+    ``name`` is a key of a scenario, such as "duration_s" or "site.latitude_deg", or a setting of the environment. A field of either
+    stands behind a dot, as in "gps.rate_hz".
     """
-    path = name.split(".")
+    path = _setting(task, name).split(".")
     kwargs = {**task.kwargs, path[0]: _within(task.kwargs.get(path[0], _default(task, path[0])), path[1:], value, name)}
     return dataclasses.replace(task, kwargs=kwargs, seeds_of=task.seeds_of or task.name)
+
+
+def _setting(task: EvaluationTask, name: str) -> str:
+    """Return the setting that a key of a scenario means, with the fields that stand behind it."""
+    for kind in (kind for kind in KINDS.values() if kind.env_id == task.env_id):
+        keys = keys_of(kind)
+        for path in sorted(keys, key=len, reverse=True):
+            to = kind.target(keys[path])
+            if to and not to.startswith(TASK) and f"{name}.".startswith(f"{path}."):
+                return to + name.removeprefix(path)
+    return name
 
 
 def _default(task: EvaluationTask, name: str) -> Any:

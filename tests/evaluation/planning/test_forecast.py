@@ -187,6 +187,10 @@ def test_a_family_is_the_task_with_other_settings(short):
         forecast(by_hand, budget=False).sigma["azimuth"],
     )
     assert varied(short, "imu.vrw_ug_sqrt_hz", 7.0).kwargs["imu"] == {"preset": "thesis-white", "vrw_ug_sqrt_hz": 7.0}
+    for key, to in (("duration_s", "duration"), ("site.latitude_deg", "latitude_deg"), ("duration", "duration")):
+        assert varied(short, key, 7.0).kwargs[to] == 7.0
+    sea = varied(varied(short, "motion", {"heave": {}}), "motion.spectrum.height_m", 7.0)
+    assert sea.kwargs["motion"] == {"heave": {}, "spectrum": {"height_m": 7.0}}
 
 
 @pytest.mark.parametrize(
