@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,9 @@ MOST_VALUES = 200_000  #: most keys and values, each alias counted as often as i
 MOST_DIGITS = 300  #: most digits of a whole number; the largest float has 309
 #: Numbers such as 1e-3, which YAML 1.2 and JSON take as numbers, and PyYAML as texts.
 _EXPONENT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$")
+Place = tuple[str | int, ...]  #: keys and numbers of items from the top of a document to a value
+_LONG = "a whole number of"  # beginning of the error about one with too many digits
+_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
 YAML_ENDINGS = (".yaml", ".yml")  #: endings of YAML files; any other document is JSON
 
 
@@ -43,7 +46,45 @@ def parse_document(path: Path, text: str) -> Any:
     except json.JSONDecodeError as error:
         raise ValueError(f"{path}: line {error.lineno} is no JSON ({error.msg})") from None
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        line = None if path.suffix.lower() in YAML_ENDINGS else _fault(text, str(error))
+        raise ValueError(f"{path}: line {line}: {error}" if line else f"{path}: {error}") from None
+
+
+def json_places(text: str) -> Iterator[tuple[Place, int]]:
+    """Yield places and lines of the keys and items of a JSON text, which is well formed up to there."""
+    path: list[str | int] = []  #: key or number of the item in each collection around
+    line, last, key = 1, 0, False
+    for token in _TOKEN.finditer(text):
+        line, last = line + text.count("\n", last, token.start()), token.start()
+        word = token[0]
+        if word not in ("]", "}", ",", ":") and path and isinstance(path[-1], int):
+            yield tuple(path), line
+        if word in "{[":
+            path.append("" if word == "{" else 0)
+            key = word == "{"
+        elif word in "}]":
+            path.pop()
+            key = False
+        elif word == ",":
+            key = isinstance(path[-1], str)
+            if not key:
+                path[-1] = int(path[-1]) + 1
+        elif key and word != ":":
+            path[-1] = json.loads(word)
+            yield tuple(path), line
+            key = False
+
+
+def _fault(text: str, error: str) -> int | None:
+    """Return the line of a JSON text with the first key that is there twice, or the first value beyond the limits."""
+    if error.startswith(_LONG):
+        return text.count("\n", 0, text.index(next(iter(re.findall(rf"\d{{{MOST_DIGITS + 1},}}", text))))) + 1
+    seen: set[Place] = set()
+    for place, line in json_places(text):
+        if place in seen or len(place) > MOST_DEPTH or len(seen) > MOST_VALUES:
+            return line
+        seen.add(place)
+    return None
 
 
 def parse_json(text: str) -> Any:
@@ -65,8 +106,12 @@ def parse_json(text: str) -> Any:
 
 def _whole(digits: str) -> int:
     if len(digits) > MOST_DIGITS:
-        raise ValueError(f"a whole number of {len(digits)} digits; allowed: at most {MOST_DIGITS}")
+        raise _too_long(digits)
     return int(digits)
+
+
+def _too_long(digits: str) -> ValueError:
+    return ValueError(f"{_LONG} {len(digits)} digits; allowed: at most {MOST_DIGITS}")
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -120,6 +165,13 @@ def parse_yaml(text: str) -> Any:
     base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the same language, ten times as fast
 
     class Loader(base):  # type: ignore[misc, valid-type]
+        def construct_object(self, node: Any, deep: bool = False) -> Any:
+            try:
+                return super().construct_object(node, deep)
+            except (ValueError, TypeError, OverflowError, KeyError, AttributeError) as error:  # its tag does not fit
+                what = f"it cannot be read: {' '.join(str(error).split())[:200]}"
+                raise yaml.constructor.ConstructorError(None, None, what, node.start_mark) from None
+
         def construct_mapping(self, node: Any, deep: bool = False) -> Any:
             names = [key for key, _ in node.value if key.value != "<<" and isinstance(key.value, str)]
             try:
@@ -132,25 +184,13 @@ def parse_yaml(text: str) -> Any:
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
     try:
         _check_events(yaml, base, text)
-        return _built(lambda: yaml.load(text, Loader=Loader))
+        return yaml.load(text, Loader=Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         what = getattr(error, "problem", None) or getattr(error, "reason", None) or error
-        where = f"line {mark.line + 1} is" if mark else "it is"
+        before = text.encode("utf-8", "surrogatepass")[: getattr(error, "position", 0)]  # of what cannot be read at all
+        where = f"line {mark.line + 1 if mark else before.count(10) + 1} is"
         raise ValueError(f"{where} no YAML ({' '.join(str(what).split())})") from None
-
-
-def _built(build: Callable[[], Any]) -> Any:
-    try:
-        return build()
-    except (
-        ValueError,
-        TypeError,
-        OverflowError,
-        KeyError,
-        AttributeError,
-    ) as error:  # a scalar that its tag does not fit
-        raise ValueError(f"it is no YAML that can be read ({' '.join(str(error).split())[:200]})") from None
 
 
 def _check_events(yaml: Any, loader: Any, text: str) -> None:
@@ -166,8 +206,8 @@ def _check_events(yaml: Any, loader: Any, text: str) -> None:
             added, levels = known.get(anchor, (1, 0))
         elif isinstance(event, yaml.ScalarEvent):
             added = 1
-            if event.value.lstrip("+-").isdecimal():
-                _whole(event.value)
+            if event.value.lstrip("+-").isdecimal() and len(event.value) > MOST_DIGITS:
+                raise ValueError(f"line {event.start_mark.line + 1}: {_too_long(event.value)}")
         elif isinstance(event, yaml.CollectionStartEvent):
             path.append([anchor, count, 0])
             continue

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sins_env.reading.documents import MOST_BYTES, YAML_ENDINGS, parse_document
+from sins_env.reading.documents import MOST_BYTES, YAML_ENDINGS, Place, json_places, parse_document
 from sins_env.reading.files import read_text
-
-Place = tuple[str | int, ...]  #: keys and numbers of items from the top of a document to a value
-_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
 
 
 class Located(NamedTuple):
@@ -37,7 +32,7 @@ def read_located(path: Path) -> Located:
     """
     text = read_text(path, MOST_BYTES)
     value = parse_document(path, text)
-    places = _yaml_places(text) if path.suffix.lower() in YAML_ENDINGS else _json_places(text)
+    places = _yaml_places(text) if path.suffix.lower() in YAML_ENDINGS else json_places(text)
     return Located(value, dict(places))
 
 
@@ -57,28 +52,3 @@ def _yaml_places(text: str) -> Iterator[tuple[Place, int]]:
         for at, first, value in inner:
             yield at, first.start_mark.line + 1
             waiting.append((at, value))
-
-
-def _json_places(text: str) -> Iterator[tuple[Place, int]]:
-    """Yield places and lines of a JSON text that has been parsed."""
-    path: list[str | int] = []  #: key or number of the item in each collection around
-    line, last, key = 1, 0, False
-    for token in _TOKEN.finditer(text):
-        line, last = line + text.count("\n", last, token.start()), token.start()
-        word = token[0]
-        if word not in ("]", "}", ",", ":") and path and isinstance(path[-1], int):
-            yield tuple(path), line
-        if word in "{[":
-            path.append("" if word == "{" else 0)
-            key = word == "{"
-        elif word in "}]":
-            path.pop()
-            key = False
-        elif word == ",":
-            key = isinstance(path[-1], str)
-            if not key:
-                path[-1] = int(path[-1]) + 1
-        elif key and word != ":":
-            path[-1] = json.loads(word)
-            yield tuple(path), line
-            key = False

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from fuzz import commands, files, solving, worlds
+from fuzz import commands, files, scenarios, solving, worlds
 from fuzz.kind import KINDS
 
-__all__ = ["KINDS", "commands", "files", "go", "solving", "worlds"]
+__all__ = ["KINDS", "commands", "files", "go", "scenarios", "solving", "worlds"]
 
 
 def go(name: str, example: Any) -> str:

@@ -104,7 +104,7 @@ def keywords(env_id: str) -> Any:
     )
 
 
-@kind("environment settings", st.sampled_from(ENV_IDS).flatmap(keywords), share=14, slice=60)
+@kind("environment settings", st.sampled_from([*ENV_IDS[:-1]]).flatmap(keywords), share=14, slice=60)
 def settings(example: Any) -> str:
     env_id, given, seed = play(example)
     if given.get("recording") == "made.npz":
@@ -234,13 +234,21 @@ SEGMENTS = [
     ["cruise", 1e12], [1, 1e308, -1e308], ["cruise", 1e-320],
     ["roll", 1, 1e17], ["turn", 5, 1e17, -1e17],
 ]  # fmt: skip
+tags = st.lists(st.tuples(st.integers(0, 40), st.sampled_from("ab"), st.sampled_from(TAGS)), max_size=3)
+
+
+def tagged(text: str, edits: list[tuple[int, str, str]]) -> str:
+    """Return a YAML text whose lines have other values, or more behind them."""
+    lines = text.split("\n")
+    for at, where, tag in edits:
+        key = lines[at % len(lines)].split(":")[0] if where == "a" else lines[at % len(lines)]
+        lines[at % len(lines)] = f"{key}: {tag}" if where == "a" else f"{key} {tag}"
+    return "\n".join(lines)
+
+
 flights = st.one_of(
     st.tuples(st.just("yaml"), text_edits, st.just([])),
-    st.tuples(
-        st.just("tags"),
-        st.lists(st.tuples(st.integers(0, 13), st.sampled_from("ab"), st.sampled_from(TAGS)), max_size=3),
-        st.just([]),
-    ),
+    st.tuples(st.just("tags"), tags, st.just([])),
     st.tuples(st.just("json"), mapping_edits, st.lists(st.sampled_from(SEGMENTS), max_size=2)),
     st.tuples(st.just("json text"), text_edits, st.just([])),
     st.tuples(
@@ -256,11 +264,7 @@ def flight_text(how: str, edits: Any, more: Any) -> tuple[str, str]:
     if how == "yaml":
         return "f.yaml", edited_text(YAML, edits)
     if how == "tags":
-        lines = YAML.split("\n")
-        for at, where, tag in edits:
-            key = lines[at % len(lines)].split(":")[0] if where == "a" else lines[at % len(lines)]
-            lines[at % len(lines)] = f"{key}: {tag}" if where == "a" else f"{key} {tag}"
-        return "f.yaml", "\n".join(lines)
+        return "f.yaml", tagged(YAML, edits)
     if how == "json text":
         return "f.json", edited_text(json.dumps(PLAN, indent=1), edits)
     if how == "numbers":

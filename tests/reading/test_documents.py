@@ -54,10 +54,10 @@ def test_depth_through_aliases_is_bounded():
     ("text", "message"),
     [
         ("a: &a [*a]", "line 1: the alias .a stands within itself"),
-        ("a: 1\nb: 2\na: 3", "line 1 is no YAML .the key 'a' twice in one object"),
+        ("a: 1\nb: 2\na: 3", "line 3 is no YAML .the key 'a' twice in one object"),
         ("a: 1\nb: [1, 2", "line 3 is no YAML"),
         ("a: *x", "line 1 is no YAML .found undefined alias"),
-        ("a: 2020-99-99", "no YAML that can be read .month must be in 1..12"),
+        ("a: 2020-99-99", "line 1 is no YAML .it cannot be read: month must be in 1..12"),
         (f"a: {'9' * 5000}", "a whole number of 5000 digits; allowed: at most 300"),
         ("!!python/name:os.system", "line 1 is no YAML .could not determine a constructor"),
         ("a: 1\n---\nb: 1", "line 2 is no YAML .but found another document"),
@@ -88,7 +88,7 @@ def test_errors_name_the_file_and_its_line(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"m\.json: line 2 is no JSON"):
         read_document(path)
     path.write_text('{"a": 1, "a": 2}')
-    with pytest.raises(ValueError, match=r"m\.json: the key 'a' twice"):
+    with pytest.raises(ValueError, match=r"m\.json: line 1: the key 'a' twice"):
         read_document(path)
     monkeypatch.setattr(documents, "MOST_BYTES", 10)
     with pytest.raises(ValueError, match=r"m\.json: 16 bytes; allowed: a file of at most 10 bytes"):
