@@ -30,7 +30,7 @@ from sins_env.states import FIX, NAVIGATION
 
 WINDOW_S, LEAST_FIXES = 30.0, 30  #: length of a window, and the least number of its fixes
 CHANCE = 1e-3  #: probability that a true model leaves any of the chi-square bands
-LEAST_FACTOR = (0.5, 1.6)  #: a mean NIS, over its expectation, within these limits is never told
+LEAST_FACTOR = (0.4, 1.6)  #: a mean NIS, over its expectation, within these limits is never told
 LEAST_CORRELATION = 0.3  #: a correlation below this is never told
 CORRELATION_SIGMAS = 4.0  #: limit of a correlation in its own standard deviations
 WITHHELD_SIGMAS = 2.5  #: limit of the RMS of residuals to withheld fixes over their sigma

@@ -28,24 +28,24 @@ from sins_env.evaluation.replay.consistency import judge
 from sins_env.evaluation.replay.replaying import replay
 from sins_env.evaluation.replay.told import sigma_of_angles
 from sins_env.recordings import Gnss, Recording, Reference
+from sins_env.specs import IMU_PRESETS
 from sins_env.types import Site
+from sins_env.units import UG
 from solvers.pipeline.smoother import smooth_navigation
 
 RATE, ENV = 100.0, {"coarse": 0.0}
-BIAS = np.array([1e-6, -2e-6, 3e-6])
+BIAS, LEVER = np.array([1e-6, -2e-6, 3e-6]), np.array([0.5, -1.0, 2.0])
 
 
-def bend(reference=False):
-    """60 s of a bend with a fix each second, whose estimators below know the truth."""
+def bend():
+    """60 s of a bend with a fix each second, whose estimators below know the truth; the antenna has a lever arm."""
     n = round(60 * RATE)
     fixes = T0 + np.arange(1.0, 61.0)
     vel = 3.0 * np.stack([np.sin(0.1 * (fixes - T0)), np.cos(0.1 * (fixes - T0)), np.full(60, 0.01)], axis=-1)
     force = np.tile([0.0, 0.0, 9.79 / RATE], (n, 1))
-    t = T0 + 0.1 * np.arange(1, 601)
-    told = Reference(t, motion(t)[0], np.zeros((600, 3)), place(motion(t)[1])) if reference else None
-    return Recording(
-        "bend", RATE, T0, np.zeros((n, 3)), force, made.SITE, Gnss(fixes, vel, place(motion(fixes)[1])), None, told
-    )
+    q, enu = motion(fixes)
+    gnss = Gnss(fixes, vel, place(enu + Rotation.from_quat(q, scalar_first=True).apply(LEVER)))
+    return Recording("bend", RATE, T0, np.zeros((n, 3)), force, made.SITE, gnss, LEVER)
 
 
 class Knows:
@@ -321,9 +321,10 @@ FLIGHT = {
 }
 
 
-def flown():
+def flown(**more):
     """30 s of a flight with two samples an epoch, fixes at 1 Hz, and the truth as its reference."""
-    env = gymnasium.make("SINS/NavFlight-v0", profile=FLIGHT, n_sub=2, imu="navigation", gps=FIXES, reveal_truth=True)
+    given = {"profile": FLIGHT, "n_sub": 2, "imu": "navigation", "gps": FIXES, "reveal_truth": True, **more}
+    env = gymnasium.make("SINS/NavFlight-v0", **given)
     obs, _ = env.reset(seed=4)
     seen, true, over = [], [], False
     while not over:
@@ -353,7 +354,8 @@ def test_a_smoothed_solution_is_that_of_the_smoother_and_nowhere_less_certain():
         coarse=8.0,
         gps={**FIXES, "outages_s": [[18.0, 24.0]]},
     )
-    track = smooth_navigation(solvers.make("inekf"), env).smoothed
+    both = smooth_navigation(solvers.make("inekf"), env)
+    track = both.smoothed
     assert_allclose(found.time, track.t, atol=1e-9)
     for one, other in zip((found.attitude, found.velocity, found.position), track.nav, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -361,6 +363,8 @@ def test_a_smoothed_solution_is_that_of_the_smoother_and_nowhere_less_certain():
     sigma = np.sqrt(np.diagonal(track.cov, axis1=-2, axis2=-1))
     assert_allclose(found.sigma_accel_bias, sigma[:, track.states["accel_bias"]])
     n = len(found.time)
+    assert_allclose(plain.gyro_bias[-n:], both.filtered.gyro_bias, atol=1e-12)
+    assert_allclose(plain.accel_bias[-n:], both.filtered.accel_bias, atol=1e-12)
     for name in ("sigma_position", "sigma_velocity", "sigma_attitude", "sigma_gyro_bias"):
         assert (getattr(found, name) <= getattr(plain, name)[-n:] * (1 + 1e-9)).all()
     error = found.replay.track.pos_error[0, -n:]
@@ -368,6 +372,16 @@ def test_a_smoothed_solution_is_that_of_the_smoother_and_nowhere_less_certain():
     off = np.stack(pymap3d.geodetic2enu(*_degrees(found.position), *_degrees(truth)), axis=-1)
     assert_allclose(error, off, atol=1e-5)
     assert np.sqrt(np.mean(error**2)) < 0.8 * np.sqrt(np.mean(plain.replay.track.pos_error[0, -n:] ** 2))
+
+
+def test_the_recommended_solver_tells_the_biases():
+    """The vertical accelerometer has a bias of one sigma, which the fixes show."""
+    true = 100 * IMU_PRESETS["navigation"].accel_bias_ug
+    imu = {"preset": "navigation", "accel_bias_ug": true}
+    one = sins_env.navigate(flown(errors="fixed", imu=imu), imu=imu, gps=FIXES, **ENV)
+    up, sigma = one.accel_bias[-1, 2] / UG, one.sigma_accel_bias[-1, 2] / UG
+    assert abs(up - true) < 4 * sigma < 0.5 * true
+    assert "heading" in repr(one)
 
 
 def _degrees(pos):
