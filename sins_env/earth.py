@@ -143,6 +143,15 @@ def ecef_to_enu(latitude: Scalar, longitude: Scalar) -> Array:
     return out
 
 
+def to_ecef(earth: Earth, pos: Array) -> Array:
+    """Return the place (..., 3) in m, in axes fixed to the earth, of latitude rad, longitude rad and height m (..., 3)."""
+    latitude, longitude, height = pos[..., 0], pos[..., 1], pos[..., 2]
+    _, R_N = radii(earth, latitude)
+    across = (R_N + height) * np.cos(latitude)
+    along = (R_N * (1.0 - earth.e2) + height) * np.sin(latitude)
+    return np.stack([across * np.cos(longitude), across * np.sin(longitude), along], axis=-1)
+
+
 @helper
 def displaced(pos: Vector, at: Vector, metres: Vector, R_M: float, R_N: float) -> Vector:
     """Return the place ``metres`` E, N, U from ``pos``, with the radii R_M and R_N at the place ``at``."""

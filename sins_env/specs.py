@@ -48,7 +48,7 @@ def _one_or_three(name: str, given: Any) -> float | tuple[float, ...]:
     return checks.numbers(name, given, 3, allowed, least=0.0, most=MOST)
 
 
-def _intervals(name: str, given: Any) -> tuple[tuple[float, float], ...]:
+def intervals(name: str, given: Any) -> tuple[tuple[float, float], ...]:
     pairs = checks.items(given)
     if pairs is None or len(pairs) > MOST_OUTAGES:
         raise checks.refused(name, given, f"a list of {_INTERVAL}, at most {MOST_OUTAGES} of them")
@@ -143,7 +143,7 @@ class GpsSpec:
             "pos_std_m": _one_or_three,
             "rate_hz": partial(checks.number, allowed="a positive number, 1e-6 to 1e4", least=1e-6, most=1e4),
             "lever_arm_m": lever_arm,
-            "outages_s": _intervals,
+            "outages_s": intervals,
             "contamination": partial(checks.number, allowed="a number from 0 to 1", least=0.0, most=1.0),
             "heavy_tail_dof": _degrees_of_freedom,
             "jump_s": _duration_or_interval,
@@ -194,7 +194,7 @@ class AidSpec:
     outages_s: tuple[tuple[float, float], ...] = ()  #: intervals (start, end) without readings
 
     def __post_init__(self) -> None:
-        _check_fields(self, {"rate_hz": _rate, "outages_s": _intervals, **self.special})
+        _check_fields(self, {"rate_hz": _rate, "outages_s": intervals, **self.special})
 
     @classmethod
     def of(cls, given: Any) -> Self:

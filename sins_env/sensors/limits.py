@@ -29,9 +29,9 @@ class Field(NamedTuple):
         return cls(np.broadcast_to(low, (size,)) * 1.0, np.broadcast_to(high, (size,)) * 1.0, what)
 
     @classmethod
-    def mark(cls, what: str) -> Field:
-        """Make a field that is 0 or 1."""
-        return cls(np.zeros(1, dtype=np.int8), np.ones(1, dtype=np.int8), what)
+    def mark(cls, what: str, size: int = 1) -> Field:
+        """Make a field of ``size`` numbers that are 0 or 1."""
+        return cls(np.zeros(size, dtype=np.int8), np.ones(size, dtype=np.int8), what)
 
 
 def clip(name: str, values: NDArray[np.float64], fields: dict[str, Field]) -> None:

@@ -18,15 +18,16 @@ from sins_env.kernels import kernel
 from sins_env.kernels.algebra import put_row, row, subtract, vector
 from sins_env.states import ERRORS, Layout, answered
 from sins_env.types import NavState, Observation, Rng, Task
+from solvers.blocks.correlated import independent
 from solvers.filters.base import choose, mixed
 from solvers.filters.brief import changed
 from solvers.pipeline import coarse as coarse_methods
 from solvers.pipeline import feedback as reset
 from solvers.pipeline import switch_on
-from solvers.pipeline.aiding.aid import Ins
+from solvers.pipeline.aiding.aid import Aid, Ins
 from solvers.pipeline.aiding.gps import Gps
 from solvers.pipeline.aiding.together import Aids, decayed, fits, sensors, with_parameters
-from solvers.pipeline.aiding.zero_velocity import ZeroVelocity
+from solvers.pipeline.aiding.zero_velocity import ZeroRate, ZeroVelocity
 from solvers.pipeline.coarse.spread import told_by
 from solvers.pipeline.errors.equivariant import Equivariant
 from solvers.pipeline.errors.invariant import Euler, Invariant
@@ -85,7 +86,10 @@ class Integration(ABC):
         states = self._errors.states
         self._phi, self._fed = states["phi"], states.span(*self._errors.fed)
         self._Q, self._aid = self._errors.noise(task.prior), self.aid(task, states)
-        rest = [ZeroVelocity(task, states)] if self.settings.stillness else []
+        rest: list[Aid] = []
+        if self.settings.stillness:
+            seen = ZeroVelocity(task, states)
+            rest = [seen, ZeroRate(task, states, seen)] if self.settings.zero_rate else [seen]
         self._aids = Aids((self._aid, *sensors(task, self._errors), *rest))
         self._rate_ie = earth.rate_n(self._earth, task.site.latitude)
         self._samples = Samples(task)
@@ -324,6 +328,12 @@ class Integration(ABC):
             if self.settings.aid_gate < 1.0:
                 now = self.filter.estimate(self.belief)
                 measurement = self._aids.gated(measurement, transition, now, self.settings.aid_gate)
+            if self._aids.shared is not None:
+                part, M = self._aids.shared
+                part = self._coordinates.measurement(part, ins)
+                if measurement.present is not None:  # a gate may have left it out
+                    part = part._replace(present=measurement.present[..., self._aids.rows["zero_rate"]])
+                transition = independent(transition, part, self._coordinates.noise(M, ins))
         self.belief, self._innovation = self.filter.step(self.belief, transition, measurement)
         x = self._coordinates.errors(self.filter.estimate(self.belief).mean, ins)
         nav = self._errors.corrected(self._earth, ins, x)

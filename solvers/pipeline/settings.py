@@ -34,6 +34,7 @@ class Settings:
     ``aid_gate``: probability that a good reading of an aid, or a fix, lies within its gate; those outside are left out. With 1,
     the default, there is no gate.
     ``stillness``: whether a base that is seen to stand still (:mod:`solvers.pipeline.aiding.stillness`) has a velocity of zero.
+    ``zero_rate``: whether it has no rate against the earth, too, with the noise of the gyros that already drives the prediction.
 
     Raises:
         ValueError: a value that is not allowed.
@@ -47,6 +48,7 @@ class Settings:
     coarse_again: bool = False
     aid_gate: float = 1.0
     stillness: bool = False
+    zero_rate: bool = False
 
     def __post_init__(self) -> None:
         choice("model", self.model, MODELS)
@@ -56,6 +58,15 @@ class Settings:
                 choice(name, getattr(self, name), allowed)
         keep(self, "coarse_again", flag)
         keep(self, "stillness", flag)
+        keep(self, "zero_rate", flag)
+        if self.zero_rate and not self.stillness:
+            raise ValueError(
+                "zero_rate = True with stillness = False; allowed: with stillness = True, which sees the rest"
+            )
+        if self.zero_rate and self.bias_frame == "nav":
+            raise ValueError(
+                "zero_rate = True with bias_frame = 'nav'; allowed: with bias_frame = 'body', where gyros are"
+            )
         keep(self, "aid_gate", number, least=0.5, most=1.0)
         if self.coarse is not None:
             coarse_methods.check_method(self.coarse)

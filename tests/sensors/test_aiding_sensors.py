@@ -61,6 +61,42 @@ def test_readings_without_errors():
     assert np.ptp(C[:, 0, 1, 1]) > 0.3  # it did turn
 
 
+def test_ranges_are_distances_in_ecef_and_their_derivatives():
+    """With places by the textbook formula, rates by differences of ranges, and orbits by differences of places."""
+    quiet = {"range_m": 1e-4, "rate_mps": 1e-4, "clock_m": 0.0, "clock_mps": 0.0, "clock_h0": 0.0, "clock_h2": 0.0}
+    receiver = {**quiet, "satellites": 8, "mask_deg": 0.0, "few_s": [[1.0, 1.5]], "few": 2}
+    obs, truth, _ = play({"ranges": receiver}, epochs=30, runs=1, epoch=0.05, n_sub=1)
+    model, (L, l, h) = earth.get("wgs84"), np.moveaxis(truth["pos"][1:, 0], -1, 0)
+    across = model.a / np.sqrt(1.0 - model.e2 * np.sin(L) ** 2)
+    out, up = (across + h) * np.cos(L), (across * (1.0 - model.e2) + h) * np.sin(L)
+    place = np.stack([out * np.cos(l), out * np.sin(l), up], axis=-1)
+    sats, seen, rates = (obs[name][:, 0] for name in ("satellites", "ranges", "range_rates"))
+    full = slice(0, 20)
+    away = sats[full, :, :3] - place[full, None]
+    np.testing.assert_allclose(seen[full], np.linalg.norm(away, axis=-1), atol=0.03)  # 1e-4 m by the sine of 5 deg
+    middle = 0.5 * (rates[1:] + rates[:-1])[:19]
+    np.testing.assert_allclose(np.diff(np.linalg.norm(away, axis=-1), axis=0) / 0.05, middle, atol=0.02)
+    np.testing.assert_allclose(np.linalg.norm(sats[full, :, :3], axis=-1), 26_560e3, rtol=1e-12)
+    speed = 0.5 * (sats[1:, :, 3:] + sats[:-1, :, 3:])[:19]
+    np.testing.assert_allclose(np.diff(sats[full, :, :3], axis=0) / 0.05, speed, atol=1e-3)
+    valid = obs["ranges_valid"][:, 0]
+    assert valid[full].all()
+    np.testing.assert_array_equal(valid[20:], np.broadcast_to(np.arange(8) < 2, (10, 8)))
+    assert not seen[20:, 2:].any()
+
+
+def test_the_clock_of_a_receiver_wanders_as_its_spec_says():
+    """Variances of clock and rate after a second, over 400 runs, within four standard errors."""
+    quiet = {"range_m": 1e-4, "rate_mps": 1e-4, "satellites": 1, "mask_deg": 0.0, "clock_m": 0.0, "clock_mps": 0.0}
+    rows = []
+    for clock in ({}, {"clock_h0": 0.0, "clock_h2": 0.0}):
+        obs, *_ = play({"ranges": {**quiet, **clock}}, epochs=10, runs=400, duration=1.0, imu="perfect")
+        rows.append(np.stack([obs["ranges"][-1, :, 0], obs["range_rates"][-1, :, 0]], axis=-1))
+    expected = specs({"ranges": {}})[0].clock_noise(1.0)
+    found = np.cov((rows[0] - rows[1]).T)
+    np.testing.assert_allclose(np.diag(found), np.diag(expected), rtol=4 * np.sqrt(2 / 400))
+
+
 def test_the_car_keeps_to_its_constraint_in_axes_that_the_imu_does_not_have():
     obs, truth, _ = play({"odometer": {"mounting_mrad": 20.0, "noise_mps": 0.0, "scale_ppm": 0.0}})
     y = np.einsum("...ji,...j", attitude.to_dcm(truth["q_nb"]), truth["vel"])
@@ -74,7 +110,8 @@ def test_the_car_keeps_to_its_constraint_in_axes_that_the_imu_does_not_have():
 def test_a_sensor_changes_nothing_of_another():
     few, many = {"dvl": "water", "height": {}}, {**ALL, "dvl": "water", "odometer": {"mounting_mrad": 0.0}}
     alone, together, without = (play(aids)[0] for aids in (few, many, ()))
-    assert {*together} - {*alone} == {f"{name}{mark}" for name in {*ALL} - {*few} for mark in ("", "_valid")}
+    fields = {f"{name}{mark}" for name in {*ALL} - {*few} for mark in ("", "_valid")}
+    assert {*together} - {*alone} == fields | {"range_rates", "satellites"}
     for name, value in without.items():
         np.testing.assert_array_equal(value, alone[name])
     for name in set(alone) - {"dtheta", "dvel"}:  # whose last bit the turn by zero angles may change

@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sins_env import attitude
 from sins_env.arrays import Array
@@ -22,8 +23,10 @@ class Own(NamedTuple):
     """States of a sensor, with their spread and correlation time."""
 
     block: Block
-    std: float
+    std: ArrayLike
     time_constant_s: float = math.inf
+    #: what takes the place of a correlation time: A in x' = A x + w, and the densities of w, of each state
+    dynamics: tuple[Array, Array] | None = None
 
 
 class Instant(NamedTuple):
@@ -32,6 +35,8 @@ class Instant(NamedTuple):
     C: Array  #: (..., 3, 3) C_nb
     vel: Array  #: (..., 3) m/s, E, N, U
     rate: Array  #: (..., 3) rad/s, omega_eb^b
+    pos: Array | None = None  #: (..., 3) latitude rad, longitude rad, height m
+    t: Array | None = None  #: (epochs,) s
 
 
 class Term(ABC):

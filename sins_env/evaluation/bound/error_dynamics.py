@@ -195,7 +195,10 @@ class ErrorDynamics:
         spreads = [(states, kind.std, kind.time_constant_s) for states, kind in self.biases]
         for states, sigma, tau in [*spreads, *((states, one.std, one.time_constant_s) for states, one in self.own)]:
             std[states] = sigma
-            drive[states] = 2 * sigma**2 / tau
+            drive[states] = 2 * np.square(sigma) / tau
+        for states, one in self.own:
+            if one.dynamics is not None:
+                drive[states] = one.dynamics[1]
         shown = [name for name in FIX.names if name in self.states and (gps.velocity or name != "dv")]
         self.shown = FIX.places(self.states.only(*shown))
         self.P0, self._drive = np.diag(std[self.kept] ** 2), drive
@@ -238,7 +241,8 @@ class ErrorDynamics:
             A[..., PHI if kind.gyro else DV, states] = -truth.C if kind.gyro else truth.C
             A[..., states, states] = -np.eye(3) / kind.time_constant_s
         for states, one in self.own:
-            A[..., states, states] = -np.eye(one.block.size) / one.time_constant_s
+            own = -np.eye(one.block.size) / one.time_constant_s
+            A[..., states, states] = own if one.dynamics is None else one.dynamics[0]
         if self.travels:
             self._add_position(A, truth)
         return A[..., self.kept[:, None], self.kept]
@@ -263,7 +267,8 @@ class ErrorDynamics:
 
     def readings(self, truth: Truth) -> list[Reading]:
         """Return what the receiver shows, and then each aid."""
-        at = Instant(truth.C_end, truth.vel_end, truth.rate_end)
+        t = np.arange(truth.first + 1, truth.first + 1 + len(truth.fix), dtype=np.float64) * self.epoch_s
+        at = Instant(truth.C_end, truth.vel_end, truth.rate_end, truth.pos, t)
         found = [Reading(FIXES, truth.fix, self.sensitivity(truth), self.R)]
         places = {"phi": [PHI], "dv": [DV], "dp": [DP], "rate": [states for states, kind in self.biases if kind.gyro]}
         for aid_name, (aid, aid_term) in self.aids.items():

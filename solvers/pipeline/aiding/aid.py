@@ -128,7 +128,7 @@ class Sensor(ABC):
 
     @abstractmethod
     def noise(self) -> Array:
-        """Return the assumed variances of a reading, (rows,)."""
+        """Return the assumed variances of a reading, (rows,), or (..., rows) if they differ by run."""
 
     def told(self, obs: Observation, ins: Ins) -> tuple[Array, Mask]:
         """Return the readings (..., rows) at the end of the epoch, and which components are there."""
@@ -149,14 +149,40 @@ class Sensor(ABC):
         hat = State(ins.C, ins.nav.vel, np.zeros_like(ins.nav.vel), self.rate(ins), own)
         expected = self.value(hat)
         z = np.where(present, expected - reading, 0.0)
-        return Measurement(z, Shown(self, hat, expected), np.diag(self.noise()), None, present)
+        variances = self.noise()
+        R = np.diag(variances) if variances.ndim == 1 else variances[..., None] * np.eye(self.rows)
+        return Measurement(z, Shown(self, hat, expected), R, None, present)
+
+
+class Reads(Protocol):
+    """A reading as a function of one state."""
+
+    rows: int
+
+    @property
+    def states(self) -> Layout:
+        """Layout of the errors x."""
+        ...
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Parameters of the sensor."""
+        ...
+
+    def value(self, s: State) -> Array:
+        """Return the reading at a state, (..., rows)."""
+        ...
+
+    def slopes(self, s: State) -> dict[str, Array]:
+        """Return the derivatives (..., rows, k) of the reading that are not zero, by what it depends on."""
+        ...
 
 
 @dataclass(frozen=True)
 class Shown:
     """What a reading shows of the errors x, h(x), with its Jacobian."""
 
-    sensor: Sensor
+    sensor: Reads
     hat: State  #: at the INS
     expected: Array  #: (..., rows), reading at the INS
 
@@ -202,7 +228,10 @@ class Shown:
         def part(name: str) -> Array:
             return x[..., states[name]] * si[states[name]]
 
-        vel = vel - part("dv")
+        dv = part("dv")
+        if dv.shape[-1] < 3:  # a model without a vertical velocity
+            dv = np.concatenate([dv, np.zeros_like(dv[..., :1])], axis=-1)
+        vel = vel - dv
         return State(
             attitude.misalignment_dcm(part("phi")).mT @ C,
             vel,

@@ -19,6 +19,7 @@ from sins_env.types import Observation, Task
 from solvers.blocks.conditioning import gate_limit
 from solvers.blocks.moments import Linearized, moments, tangent, transform
 from solvers.pipeline.aiding.aid import Aid, Ins, Sensor
+from solvers.pipeline.aiding.zero_velocity import ZeroRate
 from solvers.pipeline.errors.model import ErrorModel, Parameter
 from solvers.types import MISSING, Function, Gaussian, Innovation, Measurement, Transition
 
@@ -54,11 +55,17 @@ class Aids:
     def __init__(self, aids: Sequence[Aid]) -> None:
         self.aids = tuple(aids)
         ends = np.cumsum([aid.rows for aid in self.aids])
+        #: Of the last reading: one whose noise drives the errors too, and the covariance (..., n, m) of both.
+        self.shared: tuple[Measurement, Array] | None = None
         self.rows = {aid.name: slice(end - aid.rows, end) for aid, end in zip(self.aids, ends.tolist(), strict=True)}
 
     def read(self, obs: Observation, ins: Ins) -> Measurement | None:
         """Return the measurement at the end of an epoch; None if no run has a reading of any aid."""
         parts = [aid.read(obs, ins) for aid in self.aids]
+        self.shared = None
+        for aid, part in zip(self.aids, parts, strict=True):
+            if isinstance(aid, ZeroRate) and part is not None:
+                self.shared = part, aid.shared(ins)
         if len(parts) == 1 or all(part is None for part in parts):
             return parts[0]
         return stacked(parts, [aid.rows for aid in self.aids], ins.nav.vel.shape[:-1])

@@ -57,6 +57,10 @@ class Euler:
         """Return a measurement of the errors in these coordinates."""
         return me
 
+    def noise(self, M: Array, nav: NavState) -> Array:
+        """Return the covariance M (..., n, m) of small errors of the model with anything, in these coordinates."""
+        return M
+
     def errors(self, xi: Array, nav: NavState) -> Array:
         """Return the model's errors (..., n) for an estimate xi (..., n) of the filter."""
         return xi
@@ -106,6 +110,9 @@ class Invariant(Euler):
 
     def measurement(self, me: Measurement, nav: NavState) -> Measurement:
         return Measurement(me.z, Seen(self.at(nav), me.h), me.R, me.law, me.present, me.turns, me.chart)
+
+    def noise(self, M: Array, nav: NavState) -> Array:
+        return self.at(nav).slope() @ M
 
     def errors(self, xi: Array, nav: NavState) -> Array:
         return self.at(nav).errors(xi)

@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 from oracles.zoo import generators
-from scipy import stats
+from scipy import linalg, stats
 from scipy.spatial.transform import Rotation
 
 import sins_env  # noqa: F401
@@ -16,6 +16,7 @@ from sins_env.checks import classes
 from sins_env.evaluation.bound.aids import Instant, term
 from sins_env.sensors.aids import Sensor, specs
 from sins_env.states import ERRORS
+from sins_env.trajectory import constellation
 from sins_env.types import NavState
 from solvers.pipeline.aiding import aid, together
 from solvers.pipeline.errors.invariant import Invariant
@@ -37,6 +38,7 @@ AIDS = {
     "magnetometer": {"soft_iron": 0.02},
     "height": {},
     "depth": {},
+    "ranges": {"lever_arm_m": LEVER.tolist(), "multipath_m": 2.0, "satellites": 5},
 }
 MODEL = earth.get("wgs84")
 
@@ -78,6 +80,32 @@ def reading(name, C, v, height, w, a):
     return {"height": 1, "depth": -1}[name] * height[:, None] + a["bias"]
 
 
+def in_ecef(q, pos):
+    """Place in ECEF of the antenna, and C_b^e, by SciPy."""
+    up = Rotation.from_euler("ZYX", np.stack([pos[:, 1] + np.pi / 2, 0 * pos[:, 0], np.pi / 2 - pos[:, 0]], -1))
+    C = up.as_matrix() @ attitude.to_dcm(q)
+    across = MODEL.a / np.sqrt(1 - MODEL.e2 * np.sin(pos[:, 0]) ** 2)
+    out = (across + pos[:, 2]) * np.cos(pos[:, 0])
+    z = (across * (1 - MODEL.e2) + pos[:, 2]) * np.sin(pos[:, 0])
+    return np.stack([out * np.cos(pos[:, 1]), out * np.sin(pos[:, 1]), z], axis=-1) + C @ LEVER, C, up.as_matrix()
+
+
+def ranges(q, vel, pos, rate, a, satellites):
+    """Ranges and range rates of an antenna, (runs, 2 S)."""
+    place, C, up = in_ecef(q, pos)
+    speed = np.einsum("...ij,...j", up, vel) + np.einsum("...ij,...j", C, np.cross(rate, LEVER))
+    away = satellites[..., :3] - place[:, None]
+    distance = np.linalg.norm(away, axis=-1)
+    closing = np.sum(away * (satellites[..., 3:] - speed[:, None]), axis=-1) / distance
+    return np.concatenate([distance + a["clock"][:, :1] + a["multipath"], closing + a["clock"][:, 1:]], axis=-1)
+
+
+def overhead(task):
+    """Satellites above the site."""
+    orbits = constellation.satellites(MODEL, np.array(0.0))
+    return orbits[np.argsort(-constellation.up(MODEL, task.site.pos, orbits[:, :3]))[:5]]
+
+
 def world(task, name, runs=4, size=0.3):
     """An aid, an INS, errors x, and the reading at the INS without them."""
     rng = np.random.default_rng(7)
@@ -98,35 +126,48 @@ def world(task, name, runs=4, size=0.3):
     C = np.swapaxes(attitude.misalignment_dcm(x[:, :3]), -1, -2) @ attitude.to_dcm(q)
     a = {p.name.partition(".")[2]: own[p.name] + p.si * x[:, states[p.name]] for p in made.parameters}
     eps = states.si[states["gyro_bias"]] * x[:, states["gyro_bias"]]
+    if name == "ranges":
+        q_true = attitude.multiply(attitude.conjugate(attitude.misalignment_quaternion(x[:, :3])), q)
+        place, vel = earth.displace(MODEL, pos, -x[:, states["dp"]]), nav.vel - x[:, states["dv"]]
+        return made, ins, x, ranges(q_true, vel, place, rate - eps, a, overhead(task)), states
     seen = reading(name, C, nav.vel - x[:, states["dv"]], pos[:, 2] - x[:, states["dp"]][:, 2], rate - eps, a)
     return made, ins, x, seen, states
 
 
-def observed(name, seen, epoch_s):
+def observed(name, seen, task):
     """The observation that holds a reading."""
+    epoch_s = task.epoch_s
+    if name == "ranges":
+        parts = dict(zip(("ranges", "range_rates"), np.split(seen, 2, axis=-1), strict=True))
+        mark = np.ones((len(seen), 5), dtype=np.int8)
+        return {**parts, "satellites": np.tile(overhead(task), (len(seen), 1, 1)), "ranges_valid": mark}
     value = {"odometer": seen[:, :1] * epoch_s, "magnetometer": seen * 1e-6}.get(name, seen)
     return {name: value, f"{name}_valid": np.ones((len(value), 1), dtype=np.int8)}
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_ins_minus_reading_is_what_the_errors_show(task, name):
-    """To rounding, at errors of 20 deg, some m/s and 5 %; the constraint reads zero, so its rows are compared at zero."""
+    """To rounding, at errors of 20 deg, some m/s and 5 %; the constraint reads zero, so its rows are compared at zero.
+
+    Of ranges the curvature of the earth is left, 10 um at 10 m.
+    """
     made, ins, x, seen, _ = world(task, name)
-    me = made.read(observed(name, seen, task.epoch_s), ins)
+    me = made.read(observed(name, seen, task), ins)
     expected = me.z.copy()
     if name == "odometer":
         expected[:, 1:] -= seen[:, 1:]
-    np.testing.assert_allclose(me.h(x), expected, atol=1e-8)
+    atol = 2e-5 if name == "ranges" else 1e-8
+    np.testing.assert_allclose(me.h(x), expected, atol=atol)
     np.testing.assert_allclose(me.h(np.zeros_like(x)), 0.0, atol=1e-12)
     points = np.stack([x, 0 * x], axis=1)
-    np.testing.assert_allclose(me.h(points)[:, 0], expected, atol=1e-8)
+    np.testing.assert_allclose(me.h(points)[:, 0], expected, atol=atol)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_jacobians(task, name):
     """Against central differences, in the errors of the model at zero and far from it, and in invariant coordinates."""
     made, ins, x, seen, states = world(task, name)
-    me = made.read(observed(name, seen, task.epoch_s), ins)
+    me = made.read(observed(name, seen, task), ins)
     invariant = Invariant(MODEL, task.site.pos, states).measurement(me, ins.nav)
     for h, slope, at in (
         (me.h, me.h.jacobian, 0 * x),
@@ -144,19 +185,35 @@ def test_the_bound_sees_what_the_aid_sees(task, name):
     """Its rows, at the truth, and its variances, though written apart; parameters may have the other sign."""
     made, ins, x, seen, states = world(task, name)
     ins = dataclasses.replace(ins, own={key: 0 * value for key, value in ins.own.items()})
-    me = made.read(observed(name, seen, task.epoch_s), ins)
+    me = made.read(observed(name, seen, task), ins)
     H = me.h.jacobian(0 * x)
     spec = next(one for one in task.aids if one.name == name)
     other = term(spec, task.epoch_s)
-    np.testing.assert_allclose(np.diagonal(me.R, axis1=-2, axis2=-1), other.noise())
+    variances = np.broadcast_to(np.diagonal(me.R, axis1=-2, axis2=-1), me.z.shape)
+    if name != "ranges":  # whose rows the bound weights by the elevation
+        np.testing.assert_allclose(variances, np.broadcast_to(other.noise(), me.z.shape))
+    H = H * np.sqrt(other.noise() / variances)[..., None]
     blocks = {"phi": "phi", "dv": "dv", "dp": "dp", "gyro_bias": "rate", **{p.name: p.name for p in made.parameters}}
-    rows = other.rows(Instant(ins.C, ins.nav.vel, made.rate(ins)))
+    parts = [part[:, None] for part in (ins.C, ins.nav.vel, made.rate(ins), ins.nav.pos)]
+    rows = {key: row[:, 0] if row.ndim > 3 else row for key, row in other.rows(Instant(*parts, np.zeros(1))).items()}
     for block, key in blocks.items():
         expected = np.broadcast_to(rows.get(key, np.zeros((1, 1))), H[..., states[block]].shape)
-        np.testing.assert_allclose(H[..., states[block]] / states.si[states[block]], expected, atol=1e-9)
+        atol = 2e-7 if name == "ranges" else 1e-9  # the antenna is 1.4 m away, a satellite 2e7 m
+        np.testing.assert_allclose(H[..., states[block]] / states.si[states[block]], expected, atol=atol)
     assert {own.block.name for own in other.states()} == {p.name for p in made.parameters}
     for own, p in zip(other.states(), made.parameters, strict=True):
-        assert (own.std, own.time_constant_s) == pytest.approx((p.std, p.time_constant_s))
+        spread = np.square(own.std) * np.eye(p.size)
+        np.testing.assert_allclose(spread, p.start())
+        if own.dynamics is None:
+            assert own.time_constant_s == pytest.approx(p.time_constant_s)
+        else:  # over an epoch, by the exponential and by steps
+            A, density = own.dynamics
+            np.testing.assert_allclose(linalg.expm(0.1 * A), p.carry(0.1))
+            part = linalg.expm(0.1 / 500 * A)
+            P = np.zeros((2, 2))
+            for _ in range(500):
+                P = part @ P @ part.T + 0.1 / 500 * np.diag(density)
+            np.testing.assert_allclose(P, p.added(0.1), rtol=5e-3)
 
 
 def test_rows_of_several_aids():
@@ -208,6 +265,19 @@ def test_all_aids_in_the_chain(name):
         assert found[f"{aid_name}_residual"].shape == (RUNS, rows)
         assert found[f"{aid_name}_nis"].mean() == pytest.approx(rows, abs=5 * np.sqrt(2 * rows / RUNS))
     assert np.isnan(found.get("gps_nis", np.nan)).all()  # in the outage
+
+
+@pytest.mark.parametrize("name", ["ckf", "inekf", "gsf_ekf"])
+def test_three_satellites_for_a_while_without_any_fix(name):
+    """The covariance holds, and so does the position: it was fixed by six satellites before, and the clock is a state."""
+    receiver = {"rate_hz": 1.0, "lever_arm_m": LEVER.tolist(), "few_s": [[12.0, 20.0]], "few": 3}
+    error, made = fly(name, {"ranges": receiver}, gps={"outages_s": [[0.0, 100.0]]})
+    low, high = stats.chi2.ppf([0.0005, 0.9995], 9 * RUNS) / RUNS
+    assert low < nees(error, made.covariance()).mean() < high
+    assert np.sqrt(np.square(error[:, 6:8]).sum(axis=-1).mean()) < 5.0
+    found = made.diagnostics()
+    assert np.isfinite(found["ranges_residual"]).sum(axis=-1).tolist() == [6] * RUNS
+    assert found["ranges_nis"].mean() == pytest.approx(6.0, abs=5 * np.sqrt(12.0 / RUNS))
 
 
 def test_a_gate_leaves_out_the_aid_that_is_wrong_alone():
