@@ -55,7 +55,7 @@ class Aids:
     def __init__(self, aids: Sequence[Aid]) -> None:
         self.aids = tuple(aids)
         ends = np.cumsum([aid.rows for aid in self.aids])
-        #: Of the last reading: one whose noise drives the errors too, and the covariance (..., n, m) of both.
+        #: The last measurement whose noise drives the errors too, and the covariance (..., n, m) of both; None without one.
         self.shared: tuple[Measurement, Array] | None = None
         self.rows = {aid.name: slice(end - aid.rows, end) for aid, end in zip(self.aids, ends.tolist(), strict=True)}
 

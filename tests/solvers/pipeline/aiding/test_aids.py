@@ -149,7 +149,7 @@ def observed(name, seen, task):
 def test_ins_minus_reading_is_what_the_errors_show(task, name):
     """To rounding, at errors of 20 deg, some m/s and 5 %; the constraint reads zero, so its rows are compared at zero.
 
-    Of ranges the curvature of the earth is left, 10 um at 10 m.
+    Ranges leave out the curvature of the earth, 10 um at 10 m.
     """
     made, ins, x, seen, _ = world(task, name)
     me = made.read(observed(name, seen, task), ins)
