@@ -115,11 +115,11 @@ def check_bytes(path: Path, data: bytes) -> None:
         raise ValueError(f"{path}: a NUL byte in line {data.count(bytes([10]), 0, at) + 1}; allowed: UTF-8 text")
 
 
-def text_blocks(path: Path) -> Iterator[list[str]]:
+def text_blocks(path: Path, told: bool = True) -> Iterator[list[str]]:
     """Yield the lines of a text file in blocks of about a megabyte, without their ends.
 
     The text is UTF-8, or UTF-16 with a byte order mark, and may be compressed by gzip or alone in a ZIP archive. Bytes that
-    are no text become U+FFFD. ``following`` is told how far the file is read.
+    are no text become U+FFFD. ``following`` is told how far the file is read, unless ``told`` is False.
 
     Raises:
         ValueError: no regular file, a NUL byte, a line of a megabyte, or a damaged or too large archive; the line is named.
@@ -127,7 +127,7 @@ def text_blocks(path: Path) -> Iterator[list[str]]:
     """
     with opened(path) as stream:
         whole = max(os.fstat(stream.fileno()).st_size, 1)
-        follow = _FOLLOWING.get()
+        follow = _FOLLOWING.get() if told else None
         decoder, rest, before, expanded = None, "", 0, 0
         for block in _unpacked_blocks(path, stream):
             expanded += len(block)

@@ -60,6 +60,8 @@ def load(path: Path, mapping: Mapping) -> Recording:
     trapezoid, stamped = mapping.rates == "trapezoid", parts.get("time", gyros)
     units = (gyro.rate, accel.rate, trapezoid, _stamped_counter(path, mapping, parts), times.scale)
     samples = Samples(str(stamped.path), "time", stamped.place, times.t, dtheta, dvel, *units)
+    for part in parts.values():
+        part.release()
     clock = clocked(samples, mapping.rate_hz, mapping.resample_hz, mapping.drop_duplicates)
     gnss = None if mapping.gnss is None else _gnss(path, mapping, times)
     reference = None if mapping.reference is None else _reference(path, mapping, turn, times)

@@ -44,7 +44,7 @@ def first_lines(path: Path) -> list[str]:
         ValueError: no text file of lines.
         OSError: no such file, or one that cannot be read.
     """
-    return next((block for block in text_blocks(path) if block), [])
+    return next((block for block in text_blocks(path, told=False) if block), [])
 
 
 def read_head(path: Path, style: Style = PLAIN, measured: bool = False, counts: Sequence[int] | None = None) -> Head:

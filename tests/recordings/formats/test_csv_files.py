@@ -273,12 +273,13 @@ def test_wrong_units_of_rate(tmp_path):
         ({"format": "csw"}, "unknown format 'csw'; did you mean 'csv'"),
         ({"gnss": {"file": "g.csv"}}, "gnss without 'time'"),
         ({"gnss": {"fil": "g.csv"}}, "unknown key of gnss in the mapping of imu.csv 'fil'; did you mean 'file'"),
-        ({"gnss": "g.csv"}, "an object of file, time"),
+        ({"gnss": "g.csv"}, "g.csv', which gnss of the mapping of imu.csv names"),
+        ({"gnss": "imu.csv"}, "no fixes that describe themselves; allowed: an object of file, time"),
         ({"delimiter": ", "}, "delimiter = ', '; allowed: one character; a space"),
     ],
 )
 def test_bad_mappings(tmp_path, change, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((ValueError, FileNotFoundError), match=message):
         load(write(tmp_path, **change))
 
 
