@@ -9,8 +9,8 @@ Until then the coarse phase goes on, and every ten seconds the heading's spread 
 
 A base travels from the epoch on at which its way exceeds ten metres and what the noise of the readings can feign. The rest is
 judged at the end of the coarse phase, by what is left of the pairs of velocities: with those of the fixes, and with none. If
-neither explains the force, the base moves in a way that nothing shows, and the attitude is told to be unknown. Each run is
-judged by itself.
+neither explains the force, the base moves in a way that nothing shows, and the attitude is told to be unknown. Where the task
+tells no heading of a base at rest, one that seems to rest is aligned as one that sways. Each run is judged by itself.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 
 from sins_env import earth
 from sins_env.arrays import Array, Mask
-from sins_env.prior import SWITCH_ON_STD_DEG
+from sins_env.prior import ANY_HEADING_STD_DEG, SWITCH_ON_STD_DEG
 from sins_env.types import NavState, Observation, Task
 from sins_env.units import DEG, DEG_PER_H, UG
 from solvers.pipeline.coarse.aided import Windows
@@ -52,6 +52,8 @@ class FromData:
         self._by_body = None if body_sensor(task) is None else Body(task, batch, open_ended=True)
         self._way, self._squares = np.zeros((*batch, 3)), np.zeros((*batch, 1))
         self._last = np.zeros((*batch, 3)), np.full((*batch, 1), np.nan)  # velocity and time of the last fix
+        #: Whether the task tells no heading of a base at rest, so that only a method with a spread of its own will do.
+        self._untold = task.prior.attitude_std_deg[2] >= ANY_HEADING_STD_DEG
         self._noise = max(task.prior.gps_vel_std_mps)
         #: Runs (...) in which the velocities of fixes, those along the body, or nothing that is known explain the motion.
         self.fixes, self.body, self.unexplained = (np.zeros(batch, dtype=bool) for _ in range(3))
@@ -119,7 +121,7 @@ class FromData:
             any_velocity = np.abs(self._last[0]).sum(axis=-1) + np.abs(self._way).sum(axis=-1) > 0.0
             chance = SIGMAS * 2.0 * fixed * self._noise / np.sqrt(np.maximum(number, 1))  # of rest^2 - fixed^2, at rest
             sways = (number >= FEWEST) & (rest**2 > fixed**2 + chance) & any_velocity
-            self.fixes = self.fixes | (~self.body & sways)
+            self.fixes = self.fixes | (~self.body & (sways | self._untold))
         always = left_over(self._at_rest(len(u), u.ndim), force, np.ones_like(valid))
         left = np.where(self.fixes, fixed, np.where(number >= FEWEST, np.minimum(fixed, rest), always))
         self.unexplained = ~self.body & (left > max(UNEXPLAINED_MPS, SIGMAS * self._usual_rms(len(u))))
@@ -180,15 +182,15 @@ class FromData:
 
     def _warn(self, unknown: Mask, sigma: Array) -> None:
         """Warn of runs (...) whose heading is not known, with its standard deviation in deg."""
-        begin = f"coarse phase, {self._k * self._task.epoch_s:g} s: the base moves, and"
+        begin = f"coarse phase, {self._k * self._task.epoch_s:g} s:"
         if (unknown & self.unexplained).any():
             text = (
-                f"{begin} neither rest nor any velocity that is measured explains the specific force: heading unknown"
+                f"{begin} neither rest nor any velocity that is measured explains the specific force; heading unknown"
             )
         else:
             text = (
-                f"{begin} its velocity changes too little: heading known to {sigma[unknown].max():.3g} deg only; "
-                "the coarse phase goes on until turns or changes of speed show it"
+                f"{begin} the velocity of the base changes too little to show its heading, known to {sigma[unknown].max():.3g} deg; "
+                "the phase goes on until turns or changes of speed do"
             )
         warnings.warn(text, RuntimeWarning, stacklevel=2)
 

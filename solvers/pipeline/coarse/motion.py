@@ -21,8 +21,9 @@ import numpy as np
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
+from sins_env.prior import ANY_HEADING_STD_DEG
 from sins_env.types import NavState, Observation, Task
-from sins_env.units import PPM
+from sins_env.units import DEG, PPM
 from solvers.pipeline.coarse.fits import by_svd
 from solvers.pipeline.coarse.inertial import InertialFrame
 from solvers.pipeline.coarse.spread import Readings, Spread, from_the_end, of_pairs, outer, profile
@@ -30,6 +31,7 @@ from solvers.pipeline.strapdown import cross, end_rate
 
 #: Weight of the direction of gravity beside the pairs: it gives the level before there are any, and moves no later answer.
 LEVEL_WEIGHT = 1e-9
+LEAST_SHARE = 1e-12  #: information about an axis, over that about all, below which nothing is known about it
 LEAST_MPS = 1e-5  #: m/s, least noise of a velocity along the body
 SCALE_S = 60.0  #: s, unit of time of the polynomials
 REPEATS = 4  #: number of times that velocities along the body are turned by the attitude that they led to
@@ -162,7 +164,8 @@ class InMotion(InertialFrame, ABC):
         c = valid * without_polynomials(vectors, valid, self.degree)
         weighted = profile(c, c)
         N = np.trace(weighted, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - weighted
-        N = N + LEVEL_WEIGHT * np.trace(N, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) + attitude.TINY * np.eye(3)
+        least = (LEAST_SHARE * np.trace(N, axis1=-2, axis2=-1)[..., None, None] + attitude.TINY) * np.eye(3)
+        N = N + least
         time = self._epoch_s * np.arange(1, len(c) + 1)
         C_n = turns(place, self._rate * time.reshape(-1, *(1,) * (place.ndim - 2))).mT
         starts = np.concatenate([np.broadcast_to([1.0, 0.0, 0.0, 0.0], (1, *q.shape[1:])), q[:-1]])
@@ -172,7 +175,11 @@ class InMotion(InertialFrame, ABC):
 
         du = np.diff(np.matmul(C, force[..., None])[..., 0], axis=0, prepend=0.0)
         readings = self._readings(c, C @ attitude.to_dcm(q), C_n, np.matmul(C, (force - v)[..., None])[..., 0])
-        return of_pairs(du, self._of_increments(c), N, C_b, C_n, self._epoch_s, self._task.prior, readings)
+        told = of_pairs(du, self._of_increments(c), N, C_b, C_n, self._epoch_s, self._task.prior, readings)
+        unseen = (
+            ANY_HEADING_STD_DEG * DEG * self._C_i_n() @ np.linalg.inv(N) @ least
+        )  # of axes about which no pair tells
+        return told._replace(noise=told.noise + unseen @ unseen.mT)
 
     def seen(self) -> Epoch:
         """Return the epochs of the coarse phase so far, (K, ...)."""
