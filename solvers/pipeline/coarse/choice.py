@@ -27,7 +27,16 @@ from sins_env.units import DEG, DEG_PER_H, UG
 from solvers.pipeline.coarse.aided import Windows
 from solvers.pipeline.coarse.fits import by_svd
 from solvers.pipeline.coarse.methods import METHODS, Coarse
-from solvers.pipeline.coarse.motion import Body, Velocity, body_sensor, pull, turns, without_polynomials
+from solvers.pipeline.coarse.motion import (
+    Body,
+    InMotion,
+    Position,
+    Velocity,
+    body_sensor,
+    pull,
+    turns,
+    without_polynomials,
+)
 from solvers.pipeline.coarse.spread import DV, PHI, Spread, profile, told_by
 
 WAY_M = 10.0  #: m, way within which a base may sway
@@ -48,10 +57,11 @@ class FromData:
         self._end = round(task.coarse_s / task.epoch_s) or self._look
         self._warn_from = self._end if task.coarse_s else round(PATIENCE_S / task.epoch_s)
         self._usual = METHODS[usual](task, batch)
-        self._by_fixes = Velocity(task, batch, open_ended=True)
+        self._by_fixes: InMotion = (Velocity if task.gps.velocity else Position)(task, batch, open_ended=True)
         self._by_body = None if body_sensor(task) is None else Body(task, batch, open_ended=True)
         self._way, self._squares = np.zeros((*batch, 3)), np.zeros((*batch, 1))
         self._last = np.zeros((*batch, 3)), np.full((*batch, 1), np.nan)  # velocity and time of the last fix
+        self._first = np.full((*batch, 3), np.nan)  # place of the first fix
         #: Whether the task tells no heading of a base at rest, so that only a method with a spread of its own will do.
         self._untold = task.prior.attitude_std_deg[2] >= ANY_HEADING_STD_DEG
         self._noise = max(task.prior.gps_vel_std_mps)
@@ -102,28 +112,41 @@ class FromData:
         self._asked = self._asked & ~now
 
     def _go(self, obs: Observation) -> None:
-        """Integrate the velocities of the fixes to a way."""
-        valid, vel, (before, at) = obs["gps_valid"] == 1, obs["gps_vel"], self._last
-        t = self._k * self._task.epoch_s
-        h = np.where(valid & ~np.isnan(at), t - at, 0.0)
-        self._way = self._way + 0.5 * h * (before + np.where(valid, vel, 0.0))
-        self._squares = self._squares + h * h
-        self._last = np.where(valid, vel, before), np.where(valid, t, at)
-        limit = WAY_M + SIGMAS * self._noise * np.sqrt(self._squares[..., 0])
+        """Follow the way of the fixes, by their velocities, or without these by their places."""
+        valid = obs["gps_valid"] == 1
+        if self._task.gps.velocity:
+            vel, (before, at), t = obs["gps_vel"], self._last, self._k * self._task.epoch_s
+            h = np.where(valid & ~np.isnan(at), t - at, 0.0)
+            self._way = self._way + 0.5 * h * (before + np.where(valid, vel, 0.0))
+            self._squares = self._squares + (self._noise * h) ** 2
+            self._last = np.where(valid, vel, before), np.where(valid, t, at)
+        else:
+            self._first = np.where(valid & np.isnan(self._first), obs["gps_pos"], self._first)
+            away = earth.offset(earth.get(self._task.site.earth), self._first, obs["gps_pos"])
+            self._way = np.where(valid, away, self._way)
+            self._squares = np.full_like(self._squares, 2.0 * max(self._task.prior.gps_pos_std_m) ** 2)
+        limit = WAY_M + SIGMAS * np.sqrt(self._squares[..., 0])
         self.fixes = self.fixes | (np.hypot(self._way[..., 0], self._way[..., 1]) > limit)
 
     def _judge(self) -> None:
         """Judge sway, and whether anything explains the force."""
         force, u, v, _, _, valid = self._by_fixes.seen()
-        fixed, number = left_over(u, v, valid), valid.sum(axis=(0, -1))
-        rest = left_over(self._at_rest(len(u), u.ndim), force, valid)
-        if not isinstance(self._usual, Windows):
-            any_velocity = np.abs(self._last[0]).sum(axis=-1) + np.abs(self._way).sum(axis=-1) > 0.0
-            chance = SIGMAS * 2.0 * fixed * self._noise / np.sqrt(np.maximum(number, 1))  # of rest^2 - fixed^2, at rest
-            sways = (number >= FEWEST) & (rest**2 > fixed**2 + chance) & any_velocity
-            self.fixes = self.fixes | (~self.body & (sways | self._untold))
-        always = left_over(self._at_rest(len(u), u.ndim), force, np.ones_like(valid))
-        left = np.where(self.fixes, fixed, np.where(number >= FEWEST, np.minimum(fixed, rest), always))
+        at_rest = self._at_rest(len(u), u.ndim)
+        left = left_over(at_rest, force, np.ones_like(valid))
+        if self._task.gps.velocity:
+            number = valid.sum(axis=(0, -1))
+            fixed, rest = left_over(u, v, valid), left_over(at_rest, force, valid)
+            if not isinstance(self._usual, Windows):
+                any_velocity = np.abs(self._last[0]).sum(axis=-1) + np.abs(self._way).sum(axis=-1) > 0.0
+                chance = (
+                    SIGMAS * 2.0 * fixed * self._noise / np.sqrt(np.maximum(number, 1))
+                )  # of rest^2 - fixed^2, at rest
+                sways = (number >= FEWEST) & (rest**2 > fixed**2 + chance) & any_velocity
+                self.fixes = self.fixes | (~self.body & sways)
+            left = np.where(self.fixes, fixed, np.where(number >= FEWEST, np.minimum(fixed, rest), left))
+        else:
+            left = np.where(self.fixes, 0.0, left)
+        self.fixes = self.fixes | (~self.body & self._untold)
         self.unexplained = ~self.body & (left > max(UNEXPLAINED_MPS, SIGMAS * self._usual_rms(len(u))))
 
     def _usual_rms(self, epochs: int) -> float:
@@ -189,8 +212,8 @@ class FromData:
             )
         else:
             text = (
-                f"{begin} the velocity of the base changes too little to show its heading, known to {sigma[unknown].max():.3g} deg; "
-                "the phase goes on until turns or changes of speed do"
+                f"{begin} the velocity of the base changes too little to show its heading, known to "
+                f"{sigma[unknown].max():.3g} deg; the phase goes on until turns or changes of speed do"
             )
         warnings.warn(text, RuntimeWarning, stacklevel=2)
 

@@ -46,8 +46,13 @@ class Sums:
         self._u, self._v = np.zeros((*batch, degree + 1, 3)), np.zeros((*batch, degree + 1, 3))
         self._product = np.zeros((*batch, 3, 3))
 
-    def add(self, t: float, u: Array, v: Array, valid: Mask) -> None:
-        """Add a pair (..., 3) at ``t`` s in the runs where it is ``valid`` (..., 1)."""
+    def trend(self, C: Array) -> Array:
+        """Return the slope (..., 3) per s of the line that u - C v leaves, if the degree is 1."""
+        lines = np.linalg.pinv(self._powers, hermitian=True) @ (self._u - self._v @ C.mT)
+        return lines[..., 1, :] / SCALE_S
+
+    def add(self, t: Any, u: Array, v: Array, valid: Mask) -> None:
+        """Add a pair (..., 3) at ``t`` s, a number or (..., 1), in the runs where it is ``valid`` (..., 1)."""
         p = valid * (t / SCALE_S) ** np.arange(self._degree + 1)
         u, v = np.where(valid, u, 0.0), np.where(valid, v, 0.0)
         self._powers = self._powers + outer(p, p)
@@ -66,8 +71,11 @@ class Trapezoids:
         self._at = np.full((*batch, 1), np.nan)
         self._slope, self._sum = np.zeros((*batch, 3)), np.zeros((*batch, 3))
 
-    def to(self, t: float, slope: Array, valid: Mask) -> Array:
-        """Integrate to ``t`` s in the runs where the derivative is ``valid`` (..., 1), and return the integral (..., 3)."""
+    def to(self, t: Any, slope: Array, valid: Mask) -> Array:
+        """Integrate to ``t`` s, a number or (..., 1), and return the integral (..., 3).
+
+        That is done in the runs in which the derivative is ``valid`` (..., 1).
+        """
         h = np.where(np.isnan(self._at), 0.0, t - self._at)
         self._sum = self._sum + np.where(valid, 0.5 * h * (self._slope + slope), 0.0)
         self._slope, self._at = np.where(valid, slope, self._slope), np.where(valid, t, self._at)
@@ -102,15 +110,22 @@ class InMotion(InertialFrame, ABC):
         self._task, self._model = task, earth.get(task.site.earth)
         self._lever = np.asarray(task.gps.lever_arm_m)
         self._place = np.broadcast_to(task.site.pos, (*batch, 3))
+        self._age: Any = 0.0
+        self._read_at: Any = 0.0  # s, time of the readings of this epoch
+        self._v_before = self._v_b
         self._vel, self._fixed = np.zeros((*batch, 3)), np.zeros((*batch, 1), dtype=bool)
         self._sums = Sums(self.degree, batch)
         self._spread_at = round(task.coarse_s / task.epoch_s)
         self._seen: list[Epoch] = []  # as far as the spread is asked for
 
+    def _integrate(self, steps: Array) -> None:
+        self._v_before = self._v_b
+        super()._integrate(steps)
+
     def _keep(self, v_b: Array, v_i: Array, obs: Observation) -> None:
         valid = self._move(obs)
         u, v = self._pair(obs, valid)
-        self._sums.add(self._time, u, v, valid)
+        self._sums.add(self._read_at, u, v, valid)
         if self._open or self._k <= self._spread_at:
             self._seen.append(Epoch(self._v_b, u, v, self._q, self._place, valid))
         if self._k == self._spread_at:
@@ -128,6 +143,8 @@ class InMotion(InertialFrame, ABC):
         valid: Mask = obs["gps_valid"] == 1
         ahead = earth.displace(self._model, self._place, self._epoch_s * self._vel)
         self._place = np.where(valid, obs["gps_pos"], ahead)
+        self._age = np.where(valid, obs.get("gps_age", 0.0), 0.0)  # s, of the fix
+        self._read_at = self._time - self._age
         self._fixed = valid
         return valid
 
@@ -185,6 +202,10 @@ class InMotion(InertialFrame, ABC):
         """Return the epochs of the coarse phase so far, (K, ...)."""
         return Epoch(*(np.stack(parts) for parts in zip(*self._seen, strict=True)))
 
+    def _then(self) -> Array:
+        """Return v_b (..., 3) at the time of the fix."""
+        return self._v_b - self._age / self._epoch_s * (self._v_b - self._v_before)
+
     def _of_increments(self, c: Array) -> Array:
         """Return the coefficients (K, ..., 3) of the velocities for those of the pairs."""
         return c
@@ -222,8 +243,8 @@ class Velocity(InMotion):
         return valid
 
     def _pair(self, obs: Observation, valid: Mask) -> tuple[Array, Array]:
-        swept = self._integral.to(self._time, self._pull(self._vel), valid)
-        return self._to_i(self._vel) + swept, self._v_b + self._antenna(obs)[1]
+        swept = self._integral.to(self._read_at, self._pull(self._vel), valid)
+        return self._to_i(self._vel) + swept, self._then() + self._antenna(obs)[1]
 
     def _readings(self, c: Array, C_b: Array, C_n: Array, along: Array) -> Readings:
         return Readings(c, C_n @ self._task.prior.R[:3, :3] @ C_n.mT)
@@ -240,6 +261,7 @@ class Position(InMotion):
         self._way = np.zeros((*batch, 3))  # m in i, by the fixes
         self._fallen, self._turned = Trapezoids(batch), Trapezoids(batch)
         self._rate_i = np.array([0.0, 0.0, self._rate])
+        self._changed = np.zeros((*batch, 3))  # m/s in i, change of the velocity by gravity and by the earth's turn
         self._fix_at = np.full((*batch, 1), np.nan)
         self._fix, self._C_fix = self._place, np.zeros((*batch, 3, 3))  # place of the last fix, and C_n^i there
 
@@ -251,7 +273,7 @@ class Position(InMotion):
         super()._integrate(steps)
 
     def _pair(self, obs: Observation, valid: Mask) -> tuple[Array, Array]:
-        C, t = self._C_i_n().mT, self._time
+        C, t = self._C_i_n().mT, self._read_at
         later = valid & ~np.isnan(self._fix_at)
         middle = 0.5 * (self._fix + self._place)
         step = earth.offset(self._model, middle, self._place) - earth.offset(self._model, middle, self._fix)
@@ -261,8 +283,17 @@ class Position(InMotion):
         self._fix, self._fix_at = np.where(valid, self._place, self._fix), np.where(valid, t, self._fix_at)
         self._C_fix = np.where(valid[..., None], C, self._C_fix)
         fallen = self._fallen.to(t, self._pull(np.zeros(self._vel.shape)), valid)
-        turned = self._turned.to(t, cross(self._rate_i, self._way) + fallen, valid)
-        return self._way + turned, self._way_b + self._antenna(obs)[0]
+        self._changed = cross(self._rate_i, self._way) + fallen
+        turned = self._turned.to(t, self._changed, valid)
+        then = self._way_b - 0.5 * self._age * (self._v_b + self._then())
+        return self._way + turned, then + self._antenna(obs)[0]
+
+    def state(self, nav: NavState) -> NavState:
+        """Return the state of the INS; at a fix its velocity is that of the pairs."""
+        C = self._fit()
+        vel_i = np.matmul(C, self._v_b[..., None])[..., 0] + self._sums.trend(C) - self._changed
+        vel = np.matmul(self._C_i_n(), vel_i[..., None])[..., 0]
+        return super().state(nav._replace(vel=vel))
 
     def _of_increments(self, c: Array) -> Array:
         return self._epoch_s * (from_the_end(c) - 0.5 * c)
@@ -312,6 +343,7 @@ class Body(InMotion):
 
     def _move(self, obs: Observation) -> Mask:
         valid: Mask = obs[f"{self._spec.name}_valid"] == 1  # type: ignore[literal-required]
+        self._read_at = self._time
         return valid
 
     def _pair(self, obs: Observation, valid: Mask) -> tuple[Array, Array]:
