@@ -9,7 +9,7 @@ Until then the coarse phase goes on, and every ten seconds the heading's spread 
 
 A base travels from the epoch on at which its way exceeds ten metres and what the noise of the readings can feign. The rest is
 judged at the end of the coarse phase, by what is left of the pairs of velocities: with those of the fixes, and with none. If
-neither explains the force, the base moves in a way that nothing shows, and the attitude is told to be unknown. Where the task
+neither explains the force, the base moves in a way that nothing shows, and the attitude is told to be unknown. If the task
 tells no heading of a base at rest, one that seems to rest is aligned as one that sways. Each run is judged by itself.
 """
 
