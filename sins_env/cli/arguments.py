@@ -131,6 +131,17 @@ def positive(text: str) -> float:
     return value
 
 
+def moment(text: str) -> float | str:
+    """Return a number of seconds, or the text of a moment: +SECONDS, or a date."""
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{cut(text)!r}; allowed: seconds, +SECONDS or a date")
+    return text if text.startswith("+") else value
+
+
 def several(parser: argparse.ArgumentParser, *flags: str, **settings: Any) -> None:
     """Add an option that takes one or more names and may be repeated."""
     parser.add_argument(*flags, nargs="+", action="extend", default=[], metavar="NAME", **settings)

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from typing import Any
 
 from sins_env import __version__
-from sins_env.cli.arguments import Parser, count, executor, number, positive, seed, setting, settings, several
+from sins_env.cli.arguments import Parser, count, executor, moment, number, positive, seed, setting, settings, several
 from sins_env.recordings import FORMATS, REFUSING
 
 DEFAULT_DB = "results.sqlite"
@@ -19,6 +20,7 @@ CODES = (
 )
 _FAILED = "failed epochs (an action that is not finite, or zero). A run that diverged is a result: 0."
 _RUN_CODES = f"Exit code 1: the run raised, was lost, was given up by the solver, or had {_FAILED}"
+_START = "start (s on the recording's clock, +S from its start, or a date) and length"
 _FORMATS = f"Formats: {', '.join(map(str, FORMATS.values()))}."
 _MAP = (
     "What cannot be measured is left open, with what to write. Then: sins-env describe FILE, and sins-env replay FILE SOLVER. "
@@ -245,12 +247,13 @@ def _hold_against(verb: Verb) -> None:
     sub = verb("replay", "verbs.recordings:replay", text)
     sub.add_argument("recording", metavar="FILE", help="of any format, or the mapping (.json) of one")
     sub.add_argument("solver", metavar="SOLVER", help=_SOLVER)
-    text = "start and length, s on the recording's clock (default: all of it); may be repeated"
-    _add_spans(sub, "--window", ("START", "LENGTH"), text)
+    text = f"{_START} (default: all of it, or the longest part without a gap); may be repeated"
+    _add_spans(sub, "--window", ("START", "LENGTH"), text, moment)
     sub.add_argument("--stride", type=float, metavar="S", help="as many windows as fit, each so much later")
     sub.add_argument("--mode", metavar="NAME", help="align (default), or navigate: velocity and position too")
     sub.add_argument("--coarse", type=float, metavar="S", help="coarse phase (default 90 s, 60 s to navigate)")
     sub.add_argument("--epoch", type=float, metavar="S", help="navigation epoch (default 0.1 s)")
+    _add_bridge(sub)
     _add_sensors(sub)
     text = "withhold the fixes of these seconds of the window; may be repeated"
     _add_spans(sub, "--outage", ("START", "END"), text)
@@ -294,8 +297,8 @@ def _hold_against(verb: Verb) -> None:
     text = "the noise of an IMU, fitted to data at rest: a table, a figure, and a file that --imu takes"
     sub = verb("allan", "verbs.allan:allan", text)
     sub.add_argument("file", metavar="FILE", help="a recording at rest, or with a rest of a minute or more")
-    text = "start and length, s on the recording's clock (default: the longest rest)"
-    sub.add_argument("--window", type=float, nargs=2, metavar=("START", "LENGTH"), help=text)
+    text = f"{_START} (default: the longest rest)"
+    sub.add_argument("--window", type=moment, nargs=2, metavar=("START", "LENGTH"), help=text)
     text = "shortest averaging time of the fit, s: leaves out the vibration of the base"
     sub.add_argument("--from", dest="least", type=positive, default=0.0, metavar="S", help=text)
     sub.add_argument("--imu", metavar="SPEC", help=f"what does not show at rest, such as scale factors: {_SPEC}")
@@ -331,11 +334,12 @@ def _add_solution(sub: argparse.ArgumentParser) -> None:
     """Add the options of a verb that makes a solution."""
     sub.add_argument("recording", metavar="FILE", help="of any format, or the mapping (.json) of one")
     sub.add_argument("--solver", metavar="SOLVER", help=f"{_SOLVER} (default: the recommended one)")
-    text = "start and length, s on the recording's clock (default: all of it)"
-    sub.add_argument("--window", type=float, nargs=2, metavar=("START", "LENGTH"), help=text)
+    text = f"{_START} (default: all of it, or the longest part without a gap)"
+    sub.add_argument("--window", type=moment, nargs=2, metavar=("START", "LENGTH"), help=text)
     text = "coarse phase, at rest (default 0 with the recommended solver, else that of replay)"
     sub.add_argument("--coarse", type=float, metavar="S", help=text)
     sub.add_argument("--epoch", type=float, metavar="S", help="navigation epoch (default 0.1 s)")
+    _add_bridge(sub)
     _add_sensors(sub)
     text = "withhold the fixes of these seconds of the window, and judge the solution by them; may be repeated"
     _add_spans(sub, "--outage", ("START", "END"), text)
@@ -409,5 +413,10 @@ def _add_choice(sub: argparse.ArgumentParser) -> None:
     _add_db(sub)
 
 
-def _add_spans(sub: argparse.ArgumentParser, flag: str, names: tuple[str, str], text: str) -> None:
-    sub.add_argument(flag, type=float, nargs=2, action="append", default=[], metavar=names, help=text)
+def _add_bridge(sub: argparse.ArgumentParser) -> None:
+    text = "fill gaps between samples of up to so many seconds with interpolated increments (default 0.1)"
+    sub.add_argument("--bridge", type=float, metavar="S", help=text)
+
+
+def _add_spans(sub: argparse.ArgumentParser, flag: str, names: tuple[str, str], text: str, kind: Any = float) -> None:
+    sub.add_argument(flag, type=kind, nargs=2, action="append", default=[], metavar=names, help=text)

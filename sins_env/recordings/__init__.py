@@ -29,12 +29,16 @@ from sins_env.recordings.formats.npz import LAYOUTS, Layout
 from sins_env.recordings.interpolation import reference_at
 from sins_env.recordings.mapping import accepted
 from sins_env.recordings.recording import Displacements, Gap, Gnss, Recording, Reference, first_few, seconds
+from sins_env.recordings.stamps.bridging import BRIDGE_S, MOST_BRIDGE_S, bridged
+from sins_env.recordings.stamps.instants import on_clock, told_time
 from sins_env.recordings.summary import North, Summary, north, summarise
 
 __all__ = [
+    "BRIDGE_S",
     "DATA_VARIABLE",
     "FORMATS",
     "LAYOUTS",
+    "MOST_BRIDGE_S",
     "REFUSING",
     "Displacements",
     "Finding",
@@ -46,6 +50,7 @@ __all__ = [
     "Reference",
     "Summary",
     "accepted",
+    "bridged",
     "findings",
     "first_few",
     "format_of",
@@ -53,10 +58,12 @@ __all__ = [
     "left_out",
     "load",
     "north",
+    "on_clock",
     "reference_at",
     "resample",
     "save",
     "seconds",
     "summarise",
     "to_rfu",
+    "told_time",
 ]

@@ -17,13 +17,13 @@ from sins_env import recordings
 from sins_env.arrays import Array, Obs, Rngs
 from sins_env.prior import PRIORS, TOLD_START_STD_DEG
 from sins_env.recordings import Recording
-from sins_env.sensors.gps import Fixes, epochs_per_fix, in_fields, received, zero_velocity_fixes
+from sins_env.sensors.gps import AGE, FIELDS, Fixes, epochs_per_fix, in_fields, received, zero_velocity_fixes
 from sins_env.sensors.imu import standard_normal
 from sins_env.specs import imu_spec
 from sins_env.types import NavState, Task
 from sins_env.worlds.replay_settings import ReplaySettings
 from sins_env.worlds.settings import unknown_spread
-from sins_env.worlds.windows import Windows
+from sins_env.worlds.windows import ON_TIME_S, Windows
 from sins_env.worlds.world import ChunkedWorld, pick_rows, picked, told_start
 
 
@@ -36,11 +36,14 @@ class ReplayWorld(ChunkedWorld):
     """
 
     def __init__(self, env_id: str, settings: ReplaySettings) -> None:
-        self.settings = settings
-        given = settings.recording
+        given, bridge = settings.recording, settings.bridge
         self.recording = (
-            given if isinstance(given, Recording) else recordings.load(given, accept=settings.accept or None)
+            recordings.bridged(given, bridge)
+            if isinstance(given, Recording)
+            else recordings.load(given, accept=settings.accept or None, bridge_s=bridge)
         )
+        settings = self.settings = settings.on_epochs(self.recording)
+        assert settings.epoch is not None
         self.scored = self.recording.reference is not None
         if self.recording.gnss is not None and self.recording.gnss.vel is None:
             allowed = 'fixes with velocities, or "velocity_from_positions": true in its mapping'
@@ -53,7 +56,7 @@ class ReplayWorld(ChunkedWorld):
             raise ValueError(
                 f"mode = 'navigate' on {self.recording.name}, whose reference is short of them; allowed: {allowed}"
             )
-        self.n_sub = settings.samples_per_epoch(self.recording.rate_hz)
+        self.n_sub = settings.samples_per_epoch(self.recording)
         told, coarse = settings.start == "told", settings.coarse or 0.0
         self.windows = Windows(
             self.recording,
@@ -65,6 +68,8 @@ class ReplayWorld(ChunkedWorld):
             settings.stride,
             told,
         )
+        if self.windows.aged:
+            self.fields = {**FIELDS, **AGE}
         self.gps, imu = settings.fixes(self.recording), imu_spec(settings.imu)
         gps = self.gps
         self._every = epochs_per_fix(gps, settings.epoch) if self.recording.gnss is None else 1
@@ -107,7 +112,8 @@ class ReplayWorld(ChunkedWorld):
         shape = (len(rows), count, self.n_sub, 3)
         dtheta, dvel = self.recording.dtheta[rows].reshape(shape), self.recording.dvel[rows].reshape(shape)
         times = self._times(first + 1, count)
-        fixes = in_fields(self._fixes(times, np.arange(first + 1, first + count + 1)))
+        number = np.arange(first + 1, first + count + 1)
+        fixes = self._aged_fixes(times, number) if self.windows.aged else in_fields(self._fixes(times, number))
         return {"dtheta": dtheta, "dvel": dvel, **fixes}, self._truth(times)
 
     def _fixes(self, times: Array, number: NDArray[np.int64]) -> Fixes:
@@ -119,6 +125,26 @@ class ReplayWorld(ChunkedWorld):
         valid = (np.abs(gnss.t_s[i] - times) <= half)[..., None] & there[:, None]
         assert gnss.vel is not None
         return gnss.vel[i] * valid, gnss.pos[i] * valid, valid.astype(np.int8)
+
+    def _aged_fixes(self, times: Array, number: NDArray[np.int64]) -> Obs:
+        """Return the fields of fixes that were made within epochs, with their ages at the end.
+
+        An epoch takes the last fix that was made in it. If there are more, the one before waits for an epoch without one,
+        and is delivered late there, if that is the next.
+        """
+        gnss, epoch = self.recording.gnss, self.task.epoch_s
+        assert gnss is not None
+        assert gnss.vel is not None
+        edges = times[..., None] - epoch * np.arange(3)  # ends of this epoch and of the two before it
+        edges[..., 2] = np.where(number > 1, edges[..., 2], edges[..., 1])  # nothing is known before the window
+        last, before, earlier = np.moveaxis(np.searchsorted(gnss.t_s, edges + ON_TIME_S, side="right"), -1, 0)
+        own, late = last > before, before - earlier > 1
+        i = np.maximum(np.where(own, last - 1, before - 2), 0)
+        age = np.maximum(times - gnss.t_s[i], 0.0)
+        there = (own | late) & received(self.gps, number * epoch - age)
+        valid = there[..., None]
+        fixes = in_fields((gnss.vel[i] * valid, gnss.pos[i] * valid, valid.astype(np.int8)))
+        return {**fixes, "gps_age": np.where(there, age, 0.0)[..., None]}
 
     def truth_at(self, k: int) -> NavState:
         """Return the reference at the end of epoch k, (runs, ...); epochs may be asked for in any order."""

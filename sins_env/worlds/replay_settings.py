@@ -12,7 +12,7 @@ import numpy as np
 
 from sins_env import checks
 from sins_env.prior import PRIORS
-from sins_env.recordings import Recording, accepted
+from sins_env.recordings import BRIDGE_S, MOST_BRIDGE_S, Recording, accepted
 from sins_env.sensors.gps import ZERO_VELOCITY
 from sins_env.specs import GPS_PRESETS, GpsSpec, gps_spec
 from sins_env.worlds.settings import STARTS, check_coarse, check_duration, check_epoch, check_misalignment
@@ -20,6 +20,26 @@ from sins_env.worlds.settings import STARTS, check_coarse, check_duration, check
 MODES = ("align", "navigate")  #: allowed values of ``mode``
 #: Default of ``coarse``, s. A recording made for an alignment stands still longer.
 COARSE_S = {"align": 90.0, "navigate": 60.0}
+EPOCH_S = 0.1  #: default length of an epoch, s
+BRIDGES = f"a number of seconds, 0 to {MOST_BRIDGE_S:g}"
+
+
+def _window(given: Any) -> tuple[float | str, float]:
+    """Return start and length of a window.
+
+    Raises:
+        ValueError: anything else.
+    """
+    allowed = "(start, length) in seconds, the start perhaps +SECONDS or a date, or None"
+    pair = checks.items(given)
+    if pair is None or len(pair) != 2:
+        raise checks.refused("window", given, allowed)
+    start, length = pair
+    if not isinstance(start, str):
+        return checks.numbers("window", given, 2, allowed)[0], float(length)
+    if isinstance(length, bool) or not isinstance(length, (int, float)) or not math.isfinite(length):
+        raise checks.refused("window", given, allowed)
+    return start, float(length)
 
 
 @dataclass(frozen=True)
@@ -29,10 +49,15 @@ class ReplaySettings:
     ``recording`` is a path, sought as it is given and then in $SINS_ENV_DATA. It may also be a recording in memory.
 
     ``window`` is (start, length) in s on the clock of the recording, and begins at the sample edge nearest to the start.
-    None takes all of it. ``duration``, s, without a window takes this length from the first epoch on. ``stride``, s, makes
-    windows that begin at these intervals.
+    A start in text may be "+60", s from the start of the recording, or a date of UTC. None takes all of it, or of a
+    recording with gaps the longest part without one. ``duration``, s, without a window takes this length from the first
+    epoch on. ``stride``, s, makes windows that begin at these intervals. Lengths are cut to whole epochs.
 
-    ``n_sub`` None follows from the epoch and the sample rate. ``mode`` "navigate" asks for attitude, velocity and position
+    ``epoch``, s, is a wish: an epoch is the nearest number of whole samples. None is 0.1 s, or the interval of the fixes if
+    that is shorter. Fixes may lie anywhere in an epoch. ``n_sub`` None follows from the epoch and the sample rate.
+
+    ``bridge``, s, is the longest gap between samples that interpolated increments fill.
+    ``mode`` "navigate" asks for attitude, velocity and position
     of the IMU, "align" for attitude alone. ``coarse`` None is 90 s to align, 60 s to navigate, or 0 for a told start.
 
     ``imu`` and ``gps`` are the assumed errors of the sensors: the name of a preset or a dict of fields. Fixes have by
@@ -51,10 +76,10 @@ class ReplaySettings:
     """
 
     recording: Any = ""
-    window: tuple[float, float] | None = None
+    window: tuple[float | str, float] | None = None
     duration: float | None = None
     stride: float | None = None
-    epoch: float = 0.1
+    epoch: float | None = None
     n_sub: int | None = None
     coarse: float | None = None
     imu: Any = "rlg-car"
@@ -64,6 +89,7 @@ class ReplaySettings:
     prior: str = "matched"
     mode: str = "align"
     accept: tuple[str, ...] = ()
+    bridge: float = BRIDGE_S
 
     def __post_init__(self) -> None:
         checks.choice("start", self.start, STARTS)
@@ -73,14 +99,14 @@ class ReplaySettings:
         if not isinstance(self.recording, (str, os.PathLike, Recording)) or self.recording == "":
             raise checks.refused("recording", self.recording, "the path of a recording, or a recording")
         set_ = object.__setattr__
-        set_(self, "epoch", check_epoch(self.epoch))
+        set_(self, "epoch", None if self.epoch is None else check_epoch(self.epoch))
+        set_(self, "bridge", checks.number("bridge", self.bridge, BRIDGES, least=0.0, most=MOST_BRIDGE_S))
         set_(self, "coarse", check_coarse(self.coarse, self.start, COARSE_S[self.mode]))
         set_(self, "misalignment_deg", check_misalignment(self.misalignment_deg, self.start))
         if self.n_sub is not None:
             checks.number("n_sub", self.n_sub, "a whole number of samples per epoch, or None")
         if self.window is not None:
-            allowed = "(start, length) in seconds, or None"
-            set_(self, "window", checks.numbers("window", self.window, 2, allowed))
+            set_(self, "window", _window(self.window))
         if self.duration is not None:
             set_(self, "duration", check_duration(self.duration, 0.0))
             if self.window is not None:
@@ -88,23 +114,36 @@ class ReplaySettings:
         if self.stride is not None:
             checks.number("stride", self.stride, "a positive number of seconds, or None", above=0.0)
 
-    def samples_per_epoch(self, rate_hz: float) -> int:
-        """Return the number of samples in an epoch at this sample rate.
+    def samples_per_epoch(self, recording: Recording) -> int:
+        """Return the number of samples in an epoch: the whole number that comes nearest to the wish.
 
         Raises:
-            ValueError: epochs that are not whole samples, or an ``n_sub`` that does not fit; the error offers one that does.
+            ValueError: an ``n_sub`` that does not fit the wish.
         """
-        samples = self.epoch * rate_hz
-        whole = max(round(samples), 1)
-        if abs(samples - whole) > 1e-6:
-            raise ValueError(
-                f"epoch = {self.epoch:g} s is {samples:g} samples of {rate_hz:g} Hz; allowed: whole samples, "
-                f"for instance {whole / rate_hz:g} s"
-            )
+        rate, wish = recording.rate_hz, self.epoch
+        if wish is None:
+            gnss = recording.gnss
+            step = np.inf if gnss is None or len(gnss.t_s) < 2 else float(np.median(np.diff(gnss.t_s)))
+            wish = min(EPOCH_S, step)
+        whole = max(round(wish * rate), 1)
         if self.n_sub is not None and self.n_sub != whole:
-            fitting = f"{whole} for epochs of {self.epoch:g} s at {rate_hz:g} Hz"
+            fitting = f"{whole} for epochs of {wish:g} s at {rate:g} Hz"
             raise ValueError(f"n_sub = {self.n_sub!r}; allowed: {fitting}, or None")
         return whole
+
+    def on_epochs(self, recording: Recording) -> ReplaySettings:
+        """Return the settings with the length of an epoch, and a coarse phase of whole epochs, for this recording.
+
+        Raises:
+            ValueError: an ``n_sub`` that does not fit the wish.
+        """
+        samples = self.samples_per_epoch(recording)
+        exact, wish = samples / recording.rate_hz, EPOCH_S if self.epoch is None else self.epoch
+        epoch = wish if math.isclose(wish, exact, rel_tol=1e-9) else exact
+        assert self.coarse is not None
+        count = self.coarse / epoch
+        coarse = self.coarse if abs(count - round(count)) < 1e-6 else round(count) * epoch
+        return replace(self, epoch=epoch, coarse=coarse)
 
     def fixes(self, recording: Recording) -> GpsSpec:
         """Return the assumed noise of the fixes, with their rate, lever arm and outages.
@@ -114,7 +153,7 @@ class ReplaySettings:
         """
         gnss = recording.gnss
         if gnss is None:
-            base = replace(ZERO_VELOCITY, rate_hz=1.0 / self.epoch)
+            base = replace(ZERO_VELOCITY, rate_hz=1.0 / (self.epoch or EPOCH_S))
         else:
             lever = np.zeros(3) if recording.lever_arm is None else recording.lever_arm
             rate = 1.0 / float(np.median(np.diff(gnss.t_s))) if len(gnss.t_s) > 1 else 1.0

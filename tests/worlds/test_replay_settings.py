@@ -1,11 +1,15 @@
 """What a replay refuses, and what it says then."""
 
+from dataclasses import replace
+
 import gymnasium
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from oracles import recorded as files
 from oracles.replays import REPLAY, make, play, stacked, vector
+
+from sins_env.recordings import load
 
 
 @pytest.mark.parametrize(
@@ -47,25 +51,70 @@ def test_told_fixes(parked, driven):
     assert named.lever_arm_m == told.lever_arm_m
 
 
-def test_fixes_between_epochs_are_refused_with_what_fits(driven):
-    fits = r"begins at 0\.05 s modulo 0\.1 s or epochs of 0\.05 s"
-    with pytest.raises(ValueError, match=rf"fix at 0\.95 s is 0\.05 s off .* {fits}"):
-        make(driven, window=(0.0, 10.0))
-    with pytest.raises(ValueError, match=r"begins at 0\.05 s modulo 0\.1 s"):
-        make(driven, window=(0.02, 10.0))
+@pytest.mark.parametrize("shift", [0.0, 0.013, -0.0437])
+def test_fixes_between_the_ends_of_epochs_have_an_age(tmp_path, shift):
+    """Each fix appears once, in the epoch in which it was made, and the end of the epoch less its age is its stamp."""
+    stamps = np.arange(0.95, 11.9, 1.0)[:11] + shift
+    vel = np.column_stack([stamps, -stamps, 0 * stamps])
+    path = files.increments(
+        tmp_path / "x.npz", gnss_t_imu_s=stamps, gnss_llh_deg_m=np.full((11, 3), 34.0), gnss_vel_enu_mps=vel
+    )
+    env = make(path, window=(0.0, 11.0))
+    observations, _, _ = play(env, seed=0)
+    valid = stacked(observations, "gps_valid")[:, 0] == 1
+    ends = stacked(observations, "t")[valid, 0]
+    age = stacked(observations, "gps_age")
+    assert_allclose(ends - age[valid, 0], stamps[:11], atol=1e-9)
+    assert age.min() >= 0.0
+    assert age.max() < 0.1
+    assert not age[~valid].any()
+    assert_allclose(stacked(observations, "gps_vel")[valid, 0], stamps, atol=1e-12)
+    assert env.observation_space.contains(observations[0])
+    withheld = make(path, window=(0.0, 11.0), gps={"outages_s": [[2.95 + shift - 1e-6, 2.95 + shift]]})
+    assert stacked(play(withheld, seed=0)[0], "gps_valid").sum() == 10
 
 
-@pytest.mark.parametrize(("shift", "fits"), [(0.0024, True), (0.0026, False)])
-def test_half_a_sample_is_the_limit(tmp_path, shift, fits):
-    t = np.arange(0.95, 11.9, 1.0)[:11]
-    llh, vel = np.full((11, 3), 34.0), np.ones((11, 3))
-    path = files.increments(tmp_path / "x.npz", gnss_t_imu_s=t + shift, gnss_llh_deg_m=llh, gnss_vel_enu_mps=vel)
-    if fits:
-        observations, _, _ = play(make(path, epoch=0.05, window=(0.05, 11.0)), seed=0)
-        assert stacked(observations, "gps_valid").sum() == 11
-    else:
-        with pytest.raises(ValueError, match=r"is 0\.0024 s off|is 0\.0026 s off"):
-            make(path, epoch=0.05, window=(0.05, 11.0))
+def test_a_second_fix_in_an_epoch_is_delivered_late(tmp_path):
+    stamps = np.array([0.53, 0.57, 1.91, 1.95, 2.05, 3.0])
+    path = files.increments(
+        tmp_path / "x.npz",
+        gnss_t_imu_s=stamps,
+        gnss_llh_deg_m=np.full((6, 3), 34.0),
+        gnss_vel_enu_mps=np.repeat(stamps[:, None], 3, axis=1),
+    )
+    observations, _, _ = play(make(path, epoch=0.1, window=(0.0, 11.0)), seed=0)
+    valid = stacked(observations, "gps_valid")[:, 0] == 1
+    assert_allclose(stacked(observations, "t")[valid, 0], [0.6, 0.7, 2.0, 2.1, 3.0])
+    assert_allclose(stacked(observations, "gps_age")[valid, 0], [0.03, 0.17, 0.05, 0.05, 0.0], atol=1e-9)
+    assert make(path, window=(0.0, 11.0)).task.epoch_s == 0.1
+
+
+def test_fixes_on_epochs_have_no_age(driven):
+    assert "gps_age" not in make(driven, epoch=0.05, window=(0.05, 11.0)).reset(seed=0)[0]
+    assert "gps_age" in make(driven, window=(0.0, 10.0)).reset(seed=0)[0]
+
+
+@pytest.mark.parametrize(
+    ("epoch", "samples"), [(None, 10), (0.1, 10), (0.105, 10), (0.001, 1), (0.0961538, 10), (0.25, 25)]
+)
+def test_an_epoch_is_a_wish(parked, epoch, samples):
+    env = make(parked, epoch=epoch, coarse=0.33, window=("+1", 5.05))
+    assert (env.task.n_sub, env.task.epoch_s) == (samples, pytest.approx(samples / 100, rel=1e-15))
+    assert env.task.coarse_s == pytest.approx(0.33, abs=0.5 * env.task.epoch_s)
+    assert 0 <= 5.05 - env.task.duration_s < env.task.epoch_s
+    assert env.episode.world.windows.starts == pytest.approx([1.0])
+
+
+def test_fast_fixes_make_shorter_epochs(tmp_path):
+    stamps = np.arange(0.5, 11.0, 0.05)
+    many = len(stamps)
+    path = files.increments(
+        tmp_path / "x.npz",
+        gnss_t_imu_s=stamps,
+        gnss_llh_deg_m=np.full((many, 3), 34.0),
+        gnss_vel_enu_mps=np.ones((many, 3)),
+    )
+    assert make(path).task.epoch_s == 0.05
 
 
 def test_without_a_reference_nothing_is_scored(tmp_path):
@@ -87,13 +136,29 @@ def test_without_a_reference_nothing_is_scored(tmp_path):
 
 
 def test_gaps(tmp_path):
+    """Without a window the longest part is played; the bridge that the error offers works."""
     tags = 0.005 * np.arange(2400)
-    tags[1000:] += 0.05
+    tags[1000:] += 0.15
     path = files.increments(tmp_path / "gap.npz", imu_t_s=tags)
-    with pytest.raises(ValueError, match=r"IMU samples are missing from 4\.995 s on, inside the window from 4 s"):
+    offer = r"IMU samples are missing from 4\.995 s on, inside the window from 4 s; allowed: .*, or bridge = 0\.2 s"
+    with pytest.raises(ValueError, match=offer):
         make(path, epoch=0.05, window=(4.0, 2.0))
+    assert make(path, epoch=0.05, window=(4.0, 2.0), bridge=0.2).task.num_epochs == 40
     assert make(path, epoch=0.05, window=(1.0, 3.0)).task.num_epochs == 60
-    assert make(path, epoch=0.05, window=(5.05, 3.0)).task.num_epochs == 60
+    assert make(path, epoch=0.05, window=(5.15, 3.0)).task.num_epochs == 60
+    assert make(path, epoch=0.05).episode.world.windows.starts == pytest.approx([5.15])
+
+
+def test_dates_need_a_recording_with_dates(parked):
+    with pytest.raises(
+        ValueError, match=r"start = '2026-06-01T10:00:00Z', and the clock of parked has no date; allowed"
+    ):
+        make(parked, window=("2026-06-01T10:00:00Z", 5.0))
+    with pytest.raises(ValueError, match=r"time = 'noon'; allowed: a date with a time, such as"):
+        make(parked, window=("noon", 5.0))
+    dated = replace(load(parked), t0=1464343218.0, scale="GPS", reference=None)
+    env = make(dated, window=("2026-06-01T10:00:02Z", 5.0))
+    assert env.episode.world.windows.starts == pytest.approx([1464343220.0])
 
 
 @pytest.mark.parametrize(
@@ -113,11 +178,7 @@ def test_gaps(tmp_path):
         ({"gps": {"outages_s": [[2, 1]]}}, "outages_s"),
         ({"gps": {"rate_hz": 3.0}}, "fixes must fall on the ends of epochs"),
         ({"n_sub": 30}, "n_sub = 30; allowed: 10 for epochs of 0.1 s at 100 Hz"),
-        (
-            {"epoch": 0.105},
-            "epoch = 0.105 s is 10.5 samples of 100 Hz; allowed: whole samples, for instance 0.1 s",
-        ),
-        ({"epoch": 0.001}, "for instance 0.01 s"),
+        ({"bridge": -1.0}, "bridge = -1.0; allowed: a number of seconds, 0 to 60"),
         ({"epoch": "0.1"}, "epoch = '0.1'; allowed: a positive number of seconds"),
         ({"stride": [90]}, r"stride = \[90\]; allowed: a positive number"),
         ({"epoch": -1.0}, "epoch = -1.0; allowed: a positive number"),
@@ -126,7 +187,7 @@ def test_gaps(tmp_path):
             "window from 8 to 11 s of parked; allowed: within 0 to 10 s, which samples and",
         ),
         ({"window": (-1.0, 3.0)}, "allowed: within 0 to 10 s"),
-        ({"window": (1.0, 0.25)}, "window length = 0.25 s with epochs of 0.1 s"),
+        ({"window": (1.0, 0.25)}, "window length = 0.2 s with epochs of 0.1 s"),
         ({"window": (1.0, 0.2)}, "at least 3"),
         ({"window": 3.0}, r"window = 3.0; allowed: \(start, length\)"),
         ({"window": (0.0, np.nan)}, "allowed:"),
@@ -136,7 +197,7 @@ def test_gaps(tmp_path):
         ({"n_sub": "10"}, "n_sub = '10'; allowed: a whole number"),
         ({"duration": "5"}, "duration = '5'; allowed: a finite number of seconds"),
         ({"duration": 5.0, "window": (1.0, 5.0)}, r"duration = 5 with a window; allowed: window = \(start, length\)"),
-        ({"duration": 0.25}, "duration = 0.25 s with epochs of 0.1 s"),
+        ({"duration": 0.25}, "duration = 0.2 s with epochs of 0.1 s"),
         ({"duration": 11.0}, "window from 0 to 11 s of parked; allowed: within 0 to 10 s"),
         ({"stride": 0.0}, "stride = 0.0; allowed: a positive number"),
         ({"coarse": 20.0}, "allowed: coarse shorter than the window length"),

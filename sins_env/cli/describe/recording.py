@@ -37,7 +37,7 @@ def describe_recording(name: str, console: Console, imu: ImuSpec | None = None) 
     gravity = float(earth.gravity(earth.get(site.earth), site.latitude, site.height))
     rows = {
         "samples": f"{len(recording.dtheta)} at {recording.rate_hz:g} Hz",
-        "time": f"{begin} to {end} s",
+        "time": f"{begin} to {end} s, {recordings.told_time(recording)}",
         "missing": _gaps(found.gaps, "sample", "samples"),
         "site": f"{np.degrees(site.latitude):.6f}, {np.degrees(site.longitude):.6f} deg, {site.height:g} m",
         "GNSS": "none; a zero-velocity update stands in" if gnss is None else _fixes(gnss, found),

@@ -23,7 +23,7 @@ from sins_env.evaluation.show.numbers import number_text
 from sins_env.evaluation.show.style import titled
 from sins_env.reading.datasheets import to_kalibr, told
 from sins_env.reading.documents import YAML_ENDINGS
-from sins_env.recordings import Recording, seconds
+from sins_env.recordings import Recording, on_clock, seconds
 from sins_env.recordings.summary import spans_at_rest
 from sins_env.sensors.noise_fit import LEAST_TIMES, MOST_MISFIT, NAMES, NoiseFit, fit_markov, fit_noise, imu_fields
 from sins_env.specs import IMU_PRESETS, ImuSpec, imu_spec
@@ -100,7 +100,8 @@ def _span(recording: Recording, window: Any) -> tuple[float, float]:
         ValueError: less than a minute, a span outside the recording, or one with a gap.
     """
     if window:
-        start, end = window[0], window[0] + window[1]
+        start = on_clock(recording, window[0])
+        end = start + window[1]
     else:
         rest = spans_at_rest(recording)
         start, end = max(rest, key=lambda span: span[1] - span[0], default=(recording.t0, recording.t0))

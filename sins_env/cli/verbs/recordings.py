@@ -64,9 +64,7 @@ def replay(given: Namespace, console: Console) -> int:
     if given.out and (given.stride is not None or len(given.window) > 1):
         raise ValueError("--out of several windows; allowed: a single window, --window START LENGTH without --stride")
     settings = {
-        name: value
-        for name, value in (("coarse", given.coarse), ("epoch", given.epoch), ("mode", given.mode))
-        if value is not None
+        name: value for name in ("coarse", "epoch", "bridge", "mode") if (value := getattr(given, name)) is not None
     } | sensor_settings(given)
     if given.accept:
         settings["accept"] = tuple(given.accept)
@@ -87,7 +85,7 @@ def replay(given: Namespace, console: Console) -> int:
         raise
     except EstimatorError as error:
         raise RunFailed(f"{given.solver} on {given.recording}: {error}") from error
-    recording = recordings.load(given.recording, accept=given.accept or None)
+    recording = recordings.load(given.recording, accept=given.accept or None, bridge_s=given.bridge)
     for found in recordings.findings(recording):
         remark(f"warning: {found}")
     north = recordings.north(recording, imu_spec(settings.get("imu", ReplaySettings.imu)))

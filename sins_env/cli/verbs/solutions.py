@@ -57,7 +57,7 @@ def _solved(given: Namespace, **more: Any) -> Solution:
     for path in given.out:
         files.check(path, given.frame)
     env: dict[str, Any] = {
-        name: getattr(given, name) for name in ("coarse", "epoch") if getattr(given, name) is not None
+        name: getattr(given, name) for name in ("coarse", "epoch", "bridge") if getattr(given, name) is not None
     }
     if given.accept:
         env["accept"] = tuple(given.accept)

@@ -21,6 +21,7 @@ CHECKS: tuple[Check, ...] = (
     time.jitter,
     time.repeated_stamps,
     time.bridged_gaps,
+    time.long_gaps,
     fixes.null_fixes,
     fixes.held_fixes,
     fixes.positions_and_velocities,

@@ -49,6 +49,19 @@ def bridged_gaps(recording: Recording) -> Iterator[Finding]:
         yield Finding("bridged", 1e3 * longest, 0, "ms", span, text, False)
 
 
+def long_gaps(recording: Recording) -> Iterator[Finding]:
+    """Tell gaps that are not bridged: no window spans them."""
+    gaps = recording.gaps
+    if gaps:
+        longest = max(gap.end - gap.start for gap in gaps)
+        times = first_few([f"{seconds(gap.start)} s" for gap in gaps])
+        text = (
+            f"{sum(gap.samples for gap in gaps)} samples are missing in {len(gaps)} gaps of up to {_short(longest)} (from "
+            f"{times}), which split the recording; a longer bridge fills them, at the risk of what happened there"
+        )
+        yield Finding("gaps", longest, 0, "s", (gaps[0].start, gaps[-1].end), text, False)
+
+
 def _short(t: float) -> str:
     return f"{1e3 * t:.3g} ms" if t < 1 else f"{t:.3g} s"
 

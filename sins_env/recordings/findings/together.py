@@ -24,6 +24,7 @@ from sins_env.recordings.summary import carried
 LEG_S = 2.0  #: least time between fixes that are compared; the noise of their velocities counts less in longer ones
 SPAN_S = 120.0  #: length of the span that is fitted, in which gyros of any grade hold the attitude well enough
 LAG_S, COARSE_S, FINE_S = 30.0, 0.5, 0.05  #: lags of the fixes behind the IMU that are tried, first in coarse steps
+LAST_S = 0.01  #: last steps of the lag, whose squares are compared, for most of a steady acceleration tells no lag
 MOST_LAG_S, WRONG_LAG_S = 0.2, 0.5  #: lag from which on it is told, and from which on results are wrong
 CLEARER = 1.5  #: factor by which the misfit must fall, so that a lag or a mirror is believed
 LEAST_CHANGES, LEAST_CHANGE_MPS = (
@@ -40,6 +41,7 @@ class _Fit(NamedTuple):
 
     misfit: float  #: median difference of the horizontal changes, as a share of those of the IMU
     mirrored: float  #: the same with a mirror besides the rotation
+    square: float  #: mean square of the horizontal differences, m^2/s^2
     R: Array  #: (3, 3) rotation from the frozen body frame to the frozen navigation frame
 
 
@@ -72,7 +74,7 @@ class _Span(NamedTuple):
             return None
         off = [np.linalg.norm((b - a @ R.T)[moves, :2], axis=1) for R in (plain, mirrored)]
         share = [float(np.median(one) / np.median(level[moves])) for one in off]
-        return _Fit(share[0], share[1], plain)
+        return _Fit(share[0], share[1], float(np.mean(off[0] ** 2)), plain)
 
     def fits(self, lags: Array) -> dict[float, _Fit]:
         """Return the fits of these lags, without those that leave too little of the span."""
@@ -92,6 +94,10 @@ def clocks_and_axes(recording: Recording) -> Iterator[Finding]:
         return
     here = fits.get(0.0)
     lag = min(fits, key=lambda lag: fits[lag].misfit)
+    if abs(lag) > MOST_LAG_S:
+        last = span.fits(lag + np.arange(-2 * FINE_S, 2 * FINE_S + LAST_S, LAST_S))
+        fits |= last
+        lag = min(last, key=lambda lag: last[lag].square, default=lag)
     best, time = fits[lag], (float(span.t[0]), float(span.t[-1]))
     clear = here is None or here.misfit > max(CLEARER * best.misfit, SURE_MISFIT if abs(lag) > 1.0 else 0.0)
     if abs(lag) <= MOST_LAG_S or not clear or best.misfit > SURE_MISFIT:
