@@ -232,5 +232,8 @@ def test_the_driven_car(recorded, settings):
 
 @pytest.mark.parametrize("recorded", ["navgrade_car_gps.npz"], indirect=True)
 def test_the_driven_car_with_epochs_that_miss_the_fixes(recorded):
-    with pytest.raises(ValueError, match=r"begins at 0\.05 s modulo 0\.1 s or epochs of 0\.05 s"):
-        make(recorded, window=(0.0, 68.0))
+    """Fixes at 0.95 s + n are 0.05 s old at the ends of epochs of 0.1 s from 0 s on, and none is lost."""
+    observations, _, _ = play(make(recorded, window=(0.0, 10.0)), seed=0)
+    valid = stacked(observations, "gps_valid")[:, 0] == 1
+    assert_allclose(stacked(observations, "t")[valid, 0], np.arange(1.0, 10.5))
+    assert_allclose(stacked(observations, "gps_age")[valid, 0], 0.05, atol=1e-9)
