@@ -37,7 +37,7 @@ def main() -> None:
                 env_id="SINS/NavFlight-v0",
                 delta_azimuth_deg=1.0,
                 delta_level_arcsec=600.0,
-                kwargs={"profile": str(path), "imu": "mems", "gps": {"rate_hz": 5}},
+                kwargs={"profile": str(path), "imu": "mems", "gps": {"rate_hz": 5}, "epoch": 0.2},
             )
             forecast = sins_env.bound(task, until=["0.5deg", "1m"])
             print(forecast)

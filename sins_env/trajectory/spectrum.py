@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -124,9 +125,7 @@ class Spectrum:
 
     def density(self, omega: Array) -> Array:
         """Return the density of the surface at frequencies in rad/s, m^2 s; its integral is (height / 4)^2."""
-        grid, shape = self._shape
-        scale = (self.height_m / 4) ** 2 / np.trapezoid(shape, grid)
-        return np.asarray(scale * self._relative(omega))
+        return np.asarray((self.height_m / 4) ** 2 / self._shape[1] * self._relative(omega))
 
     def _relative(self, omega: Array) -> Array:
         assert self.gamma is not None
@@ -135,10 +134,11 @@ class Spectrum:
         peak = self.gamma ** np.exp(-0.5 * ((r - 1) / width) ** 2)
         return np.asarray(r**-5.0 * np.exp(-1.25 * r**-4.0) * peak)
 
-    @property
-    def _shape(self) -> tuple[Array, Array]:
+    @cached_property
+    def _shape(self) -> tuple[Array, float]:
+        """Frequencies of the band, and the integral of the relative density over them."""
         grid = np.geomspace(_LOW, _HIGH, _FINE) * 2 * np.pi / self.peak_period_s
-        return grid, self._relative(grid)
+        return grid, float(np.trapezoid(self._relative(grid), grid))
 
     def waves(self, axis: str) -> tuple[Array, Array]:
         """Return amplitudes (n,) in deg or m and frequencies (n,) in rad/s of the components of an axis.

@@ -70,6 +70,7 @@ def test_the_motion_meets_the_table(name):
         angles = np.degrees(attitude.to_euler(attitude.to_dcm(state.q_nb[k])))
         given = np.stack([table[name][1:] for name in ANGLES])
         np.testing.assert_allclose((np.array(angles) - given + 180) % 360 - 180, 0, atol=1e-9)
+        assert np.abs(plan.kinematics(np.linspace(95, 105, 99), np.zeros(1, dtype=int)).rates).max() < 0.1
 
 
 @pytest.mark.parametrize("name", TABLES)

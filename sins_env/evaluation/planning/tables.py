@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from rich.console import Group
+from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -17,8 +17,8 @@ _DAY = "after a day"
 NEXT_TO_0 = 1e-3  #: share of the bound below which what is left of it is not written as a number
 
 
-def over_time(one: Forecast) -> Group:
-    """Return the table of the bound over time."""
+def over_time(one: Forecast) -> list[RenderableType]:
+    """Return the table of the bound over time, with its title and notes."""
     table = _table("time\ns")
     for q in one.quantities.values():
         table.add_column(f"{q.name}\n{q.unit_name}", justify="right")
@@ -37,7 +37,7 @@ def _notes(one: Forecast) -> list[str]:
     return notes
 
 
-def budget(one: Forecast, t: float | None = None) -> Group:
+def budget(one: Forecast, t: float | None = None) -> list[RenderableType]:
     """Return two tables of the sources of error at ``t`` s, by default at the end: their shares, and the bound without each."""
     rows, at = one.budget(t), float(one.budget_t[one.index(one.budget_t, one.t[-1] if t is None else t)])
     shares, without = _table("source"), _table("source that is away")
@@ -53,13 +53,13 @@ def budget(one: Forecast, t: float | None = None) -> Group:
     shares.add_row("all of them", *(f"{100 * sum(row['share'][name] for row in rows):.1f}" for name in whole))
     without.add_section()
     without.add_row("none", *map(number_text, whole.values()))
-    return Group(
-        _headed(f"what limits it at {at:g} s: share in the variance, %", shares),
-        _headed(f"the bound at {at:g} s if one source alone were not there", without),
-    )
+    return [
+        *_headed(f"what limits it at {at:g} s: share in the variance, %", shares),
+        *_headed(f"the bound at {at:g} s if one source alone were not there", without),
+    ]
 
 
-def family(one: Forecast) -> Group:
+def family(one: Forecast) -> list[RenderableType]:
     """Return a table with a row for each member of the family, at the end."""
     table = _table("setting")
     for q in one.quantities.values():
@@ -117,6 +117,6 @@ def _table(first: str) -> Table:
     return table
 
 
-def _headed(title: str, table: Table, notes: str = "") -> Group:
+def _headed(title: str, table: Table, notes: str = "") -> list[RenderableType]:
     """Return a table below its title and above its notes, which may be wider than it is."""
-    return Group(Text(f"\n{title}", style="bold"), table, *([Text(notes)] if notes else []))
+    return [Text(f"\n{title}", style="bold"), table, *([Text(notes)] if notes else [])]
