@@ -16,6 +16,7 @@ LITTLE = {
     "custom_estimator": "--runs 1 --seconds 60",
     "gps_outage": "--runs 2 --flight flight-hotstart30-v0",
     "paper_002_examples": "--runs 20",
+    "start_in_motion": "--runs 2 --solver ckf",
 }
 
 

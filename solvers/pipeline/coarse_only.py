@@ -11,7 +11,7 @@ from solvers.pipeline.coarse import Coarse
 from solvers.pipeline.integration import refuse_navigation
 from solvers.registry import register
 
-INERTIAL = ("two_vector", "svd", "aided")
+INERTIAL = ("two_vector", "svd", "aided", "motion_velocity", "motion_position", "motion_body")
 
 
 class CoarseAligner:
@@ -60,7 +60,8 @@ class CoarseInertial(CoarseAligner):
     """Coarse alignment in the inertial frame for the whole run. 000 section 2.4.
 
     ``method``: "svd" over all pairs since the start, "two_vector" as in the source, or "aided" by the velocity of the fixes.
-    Zero-velocity updates serve as fixes if there is no GPS.
+    Zero-velocity updates serve as fixes if there is no GPS. "motion_velocity", "motion_position" and "motion_body" are those for a
+    base that travels (:mod:`solvers.pipeline.coarse.motion`).
 
     Raises:
         ValueError: another method.

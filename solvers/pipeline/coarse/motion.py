@@ -159,13 +159,6 @@ class InMotion(InertialFrame, ABC):
     def _C_i_n(self) -> Array:
         return turns(self._place, self._rate * self._time)
 
-    def _to_i(self, vector_n: Array) -> Array:
-        return np.matmul(self._C_i_n().mT, vector_n[..., None])[..., 0]
-
-    def _pull(self, vel: Array) -> Array:
-        """Return C_n^i (omega_ie x v - g) for the velocity (..., 3) at the place."""
-        return self._to_i(pull(self._model, self._place, vel))
-
     def state(self, nav: NavState) -> NavState:
         """Return the state of the INS: that of the fix, or without one the last velocity and the place that it leads to."""
         fixed = self._fixed
@@ -243,8 +236,10 @@ class Velocity(InMotion):
         return valid
 
     def _pair(self, obs: Observation, valid: Mask) -> tuple[Array, Array]:
-        swept = self._integral.to(self._read_at, self._pull(self._vel), valid)
-        return self._to_i(self._vel) + swept, self._then() + self._antenna(obs)[1]
+        both = np.stack([self._vel, pull(self._model, self._place, self._vel)], axis=-1)  # turned at once
+        vel, pulled = np.moveaxis(self._C_i_n().mT @ both, -1, 0)
+        swept = self._integral.to(self._read_at, pulled, valid)
+        return vel + swept, self._then() + self._antenna(obs)[1]
 
     def _readings(self, c: Array, C_b: Array, C_n: Array, along: Array) -> Readings:
         return Readings(c, C_n @ self._task.prior.R[:3, :3] @ C_n.mT)
@@ -282,7 +277,8 @@ class Position(InMotion):
         self._way = self._way + np.where(later, moved, 0.0)
         self._fix, self._fix_at = np.where(valid, self._place, self._fix), np.where(valid, t, self._fix_at)
         self._C_fix = np.where(valid[..., None], C, self._C_fix)
-        fallen = self._fallen.to(t, self._pull(np.zeros(self._vel.shape)), valid)
+        fallen = pull(self._model, self._place, np.zeros(self._vel.shape))
+        fallen = self._fallen.to(t, np.matmul(C, fallen[..., None])[..., 0], valid)
         self._changed = cross(self._rate_i, self._way) + fallen
         turned = self._turned.to(t, self._changed, valid)
         then = self._way_b - 0.5 * self._age * (self._v_b + self._then())

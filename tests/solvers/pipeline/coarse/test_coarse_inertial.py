@@ -165,7 +165,11 @@ def test_two_vectors_without_a_coarse_phase_take_the_whole_episode():
 def test_unknown_method():
     for name, settings, nearest in (
         ("coarse_inertial", {"method": "svdd"}, "svd"),
-        ("coarse_inertial", {"method": "oba"}, "allowed: aided, svd, two_vector"),
+        (
+            "coarse_inertial",
+            {"method": "oba"},
+            "allowed: aided, motion_body, motion_position, motion_velocity, svd, two_vector",
+        ),
         ("ckf", {"coarse": "analytic4"}, "'analytic[123]'"),
         ("coarse_oba", {"aide": True}, "'aided'"),
         ("coarse_analytic", {}, "'coarse_analytic[123]'"),
