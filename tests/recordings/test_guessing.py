@@ -132,10 +132,50 @@ def test_what_cannot_be_measured_is_left_open(tmp_path, change, known, message):
     assert re.search(message, found.open[0])
 
 
+def test_a_file_for_each_part(tmp_path):
+    """As gnss-ins-sim writes them: the others are found beside the first."""
+    rates, force = at_rest("D")
+    for name, head, values in (
+        ("gyro-0.csv", "gyro_x (deg/s),gyro_y (deg/s),gyro_z (deg/s)", np.degrees(rates)),
+        ("accel-0.csv", "accel_x (m/s^2),accel_y (m/s^2),accel_z (m/s^2)", force),
+        ("time.csv", "time (sec)", T[:, None]),
+        ("gps-0.csv", "gps_lat (deg)", T[:30, None]),
+    ):
+        np.savetxt(tmp_path / name, values, delimiter=",", header=head, comments="")
+    for name in ("gyro-0.csv", "accel-0.csv"):
+        found = guess(tmp_path / name, Known(site=SITE))
+        assert not found.open
+        recording = load(tmp_path / name, mapping=found.mapping)
+        assert_allclose(recording.dtheta * HZ, rates @ made.SWAP.T, rtol=1e-9, atol=1e-13)
+        assert_allclose(recording.dvel * HZ, force @ made.SWAP.T, rtol=1e-9, atol=1e-9)
+
+
+def test_fixes_in_a_file_of_their_own(tmp_path):
+    """As u-blox writes them, in milliseconds, 1e-7 deg and mm; and fixes that every row of one table repeats."""
+    at = 1000.0 + np.arange(1, 30)
+    rows = np.column_stack(
+        [at * 1e3, 481000000 + 0 * at, 116000000 + 0 * at, 520000 + 0 * at, 100 + 0 * at, at, 0 * at]
+    )
+    np.savetxt(
+        tmp_path / "pvt.csv", rows, delimiter=",", header="iTOW,lat,lon,height,velN,velE,velD", comments="", fmt="%.0f"
+    )
+    path = write(tmp_path, T, *at_rest("D"))
+    told = guess(path, Known(gnss="pvt.csv")).mapping
+    gnss = load(path, mapping=told, accept=("positions_and_velocities", "held_fixes")).gnss
+    assert_allclose(gnss.t_s, at)
+    assert_allclose(gnss.pos[0], [np.radians(48.1), np.radians(11.6), 520.0])
+    assert_allclose(gnss.vel[:, 1], 0.1)
+    held = np.repeat(
+        np.column_stack([48.1 + 1e-6 * np.arange(30), 11.6 + 0 * np.arange(30), 520 + 0.1 * np.arange(30)]), 50, axis=0
+    )
+    path = write(tmp_path, T, *at_rest("D"), NAMES + ",lat,lon,h", more=[held])
+    assert guess(path).mapping["drop_held_fixes"] is True
+
+
 def test_what_is_no_table_of_an_imu(tmp_path):
     path = write(tmp_path, T, *at_rest(), "t,a,b,c,d,e,f")
     with pytest.raises(
-        ValueError, match="no three columns named as those of accelerometers; allowed: names such as acc_x"
+        ValueError, match="no three columns named as those of accelerometers; allowed: names such as acc_x, here"
     ):
         guess(path)
     save(made.recording(), tmp_path / "x.npz")

@@ -21,6 +21,7 @@ from sins_env.recordings.text.dates import is_date
 from sins_env.recordings.text.style import COMMENTS, SPACE
 
 SLOW_HZ = 25.0  #: rate of an IMU below which the unit of whole stamps is doubted
+MOST_BESIDE = 50  #: most files of a folder among which parts of a recording are sought
 MOST_ROWS = 200_000  #: most rows that are measured
 SELF_TOLD = ("npz", "psins-imu", "psins-mat", "novatel", "navego", "kitti")  #: formats whose files say what they hold
 
@@ -124,6 +125,28 @@ def _columns(path: Path) -> _Columns:
     return _Columns(path, head, labels, values)
 
 
+def _beside(table: _Columns, role: str) -> _Columns | None:
+    """Return the only table beside this one that has as many rows and the columns of a role, as gnss-ins-sim writes them."""
+    found = []
+    for path in sorted(table.path.parent.glob(f"*{table.path.suffix}"))[:MOST_BESIDE]:
+        if path == table.path:
+            continue
+        try:
+            names_ = list(read_head(path, Style(COMMENTS, None, ".", None), measured=True).names)
+            there = names.single(names_, role) if role == "time" else next(names.triples(names_, role), None)
+            other = _columns(path) if there else None
+        except ValueError:
+            continue
+        if other is not None and len(other.values) == len(table.values):
+            found.append(other)
+    return found[0] if len(found) == 1 else None
+
+
+def _file(table: _Columns, of: _Columns) -> dict[str, str]:
+    """Return the key of a file of its own."""
+    return {} if of is table else {"file": of.path.name}
+
+
 def _blank(text: str) -> bool:
     return text.lower() in ("", "nan", "null", "none", "n/a", "na", "-", "--")
 
@@ -146,6 +169,11 @@ def _time(found: Guess, table: _Columns, known: Known) -> tuple[Any, Array]:
     label = names.single(table.named, "time")
     if label is not None and np.isnan(table[label]).all():
         label = None
+    other = _beside(table, "time") if label is None and counted is None and table.named else None
+    if other is not None:
+        t = _stamps(found, other, names.single(other.named, "time"), known.rate_hz)
+        found.mapping["time"] |= _file(table, other)
+        return None, t
     if label is None:
         label = next((one for one in table.labels if one != counted and _increases(table[one])), None)
     if label is None:
@@ -234,15 +262,17 @@ def _inertial(found: Guess, table: _Columns, time: Any, t: Array, known: Known) 
     """Guess the columns and units of gyros and accelerometers, the axes, the fixes and the site."""
     steps = np.diff(t)
     rate = float(1.0 / np.median(steps)) if len(t) > 1 and np.median(steps) > 0 else float("nan")
-    accel, gyro = _sensors(table, time, rate)
-    force, turn = table.three(accel), table.three(gyro)
+    (accels, accel), (gyros, gyro) = _sensors(table, time, rate)
+    force, turn = accels.three(accel), gyros.three(gyro)
     there: Mask = np.asarray(np.isfinite(np.hstack([force, turn])).all(axis=1))
     if not there.all():
         raise ValueError(
             f"{table.path}: {int((~there).sum())} of {len(there)} rows have blank IMU columns; allowed: a table with all of them "
             "in every row"
         )
-    increments = _units(found, table, gyro, accel, rate)
+    increments = _units(found, gyros, gyro, accels, accel, rate)
+    found.mapping["gyro"] |= _file(table, gyros)
+    found.mapping["accel"] |= _file(table, accels)
     fixes = _fixes(found, table, time, known)
     _axes(found, known, t, force, fixes, rate, increments)
     if known.site is not None:
@@ -257,21 +287,13 @@ def _shown(columns: list[Any]) -> str:
     return ", ".join(map(str, columns))
 
 
-def _sensors(table: _Columns, time: Any, rate: float) -> tuple[list[Any], list[Any]]:
-    """Return the columns of accelerometers and gyros, by name, or of a table without names by gravity."""
+def _sensors(table: _Columns, time: Any, rate: float) -> list[tuple[_Columns, list[Any]]]:
+    """Return the columns of accelerometers and of gyros, each with their table.
+
+    They are known by name, in a table beside if this one has none of them, or without names by gravity.
+    """
     if table.named:
-        found = []
-        for role in ("accel", "gyro"):
-            several = [one for one in names.triples(table.named, role) if np.isfinite(table.three(one)).any()]
-            fits = [one for one in several if role == "accel" and measures.force_units(table.three(one), rate)]
-            if not several:
-                raise ValueError(
-                    f"{table.path}: no three columns named as those of {'accelerometers' if role == 'accel' else 'gyros'}; "
-                    f"allowed: names such as {'acc_x' if role == 'accel' else 'gyro_x'}, or for a file of its own a mapping with "
-                    f'"file" in time, gyro and accel; columns there: {_shown(table.labels)}'
-                )
-            found.append((fits or several)[0])
-        return found[0], found[1]
+        return [_named_sensor(table, role, rate) for role in ("accel", "gyro")]
     if time is None:
         raise ValueError(f"{table.path}: no names, and no column of times; allowed: a header, or a mapping by number")
     labels = [one for one in table.labels if one != time and np.isfinite(table[one]).all()]
@@ -280,18 +302,35 @@ def _sensors(table: _Columns, time: Any, rate: float) -> tuple[list[Any], list[A
     for accel in heavy:
         for gyro in threes:
             if not set(gyro) & set(accel) and abs(gyro[0] - accel[0]) == 3:
-                return accel, gyro
+                return [(table, accel), (table, gyro)]
     raise ValueError(
         f"{table.path}: no names, and no three columns that feel gravity beside three others; allowed: a header, or a mapping "
         "with the columns by number"
     )
 
 
-def _units(found: Guess, table: _Columns, gyro: list[Any], accel: list[Any], rate: float) -> bool:
+def _named_sensor(table: _Columns, role: str, rate: float) -> tuple[_Columns, list[Any]]:
+    several: list[list[Any]] = [
+        list(one) for one in names.triples(table.named, role) if np.isfinite(table.three(one)).any()
+    ]
+    fits = [one for one in several if role == "accel" and measures.force_units(table.three(one), rate)]
+    if several:
+        return table, (fits or several)[0]
+    other = _beside(table, role)
+    if other is not None:
+        return other, list(next(names.triples(other.named, role)))
+    what, such = ("accelerometers", "acc_x") if role == "accel" else ("gyros", "gyro_x")
+    raise ValueError(
+        f"{table.path}: no three columns named as those of {what}; allowed: names such as {such}, here or in one table beside it "
+        f"with as many rows; columns there: {_shown(table.labels)}"
+    )
+
+
+def _units(found: Guess, gyros: _Columns, gyro: list[Any], accels: _Columns, accel: list[Any], rate: float) -> bool:
     """Guess the units; return whether the values are increments."""
-    force, turn = table.three(accel), table.three(gyro)
+    force, turn = accels.three(accel), gyros.three(gyro)
     fits = measures.force_units(force, rate)
-    written = table.written(accel[0])
+    written = accels.written(accel[0])
     chosen = next((one for one in fits if one.name == written), fits[0] if fits and written is None else None)
     size = float(np.median(np.linalg.norm(measures.seconds_means(force, rate), axis=1)))
     if chosen is None:
@@ -307,7 +346,7 @@ def _units(found: Guess, table: _Columns, gyro: list[Any], accel: list[Any], rat
         found.add("accel", {"columns": accel, "unit": chosen.name}, f"{_shown(accel)} in {chosen.name}", why)
         increments = not column_units.ACCEL[chosen.name].rate
     turns = [] if chosen is None else measures.rate_units(turn, force, rate, increments)
-    said_ = table.written(gyro[0])
+    said_ = gyros.written(gyro[0])
     if said_ in column_units.GYRO and (not turns or said_ in [one.name for one in turns]):
         why = next((f"{one.why}, and the header says so" for one in turns), "the header says so")
         found.add("gyro", {"columns": gyro, "unit": said_}, f"{_shown(gyro)} in {said_}", why)
