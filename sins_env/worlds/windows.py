@@ -47,7 +47,7 @@ class Windows:
         begin, end = self._covered(told)
         start, length = self._whole(begin, end) if window is None else (on_clock(recording, window[0]), window[1])
         length = length if duration is None else duration
-        whole = math.floor(length / epoch_s + 1e-6) if math.isfinite(length) else 0
+        whole = math.floor(length / epoch_s + 1e-4) if math.isfinite(length) else 0
         length = length if abs(length / epoch_s - whole) < 1e-6 else whole * epoch_s
         check_timing(epoch_s, length, coarse_s, "window length" if duration is None else "duration")
         self.num_epochs = round(length / epoch_s)

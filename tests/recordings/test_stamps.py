@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from oracles import made
 
-from sins_env.recordings import findings, times
+from sins_env.recordings import findings, load, on_clock, save, times
 from sins_env.recordings.clock import Samples, clocked
 from sins_env.recordings.recording import Stamping
 from sins_env.recordings.stamps import scales, wraps
@@ -154,3 +154,30 @@ def test_jitter_is_told():
     assert "4 samples with one stamp" in told[0].text
     assert told[1].value == 3
     assert not any(one.wrong for one in told)
+
+
+def test_a_counter_beside_stamps_in_a_table(tmp_path):
+    """Host stamps in UTC with a counter that nobody names; the scale comes back from the package's own file."""
+    kept = np.delete(np.arange(600), [200, 201, 202])
+    at = np.datetime64("2026-06-01T10:00:00", "us") + (1e6 * (HOST[kept] - T0)).astype(np.int64)
+    rows = [f"{t}Z,{(k + 65300) % 65536},1e-5,{k}e-9,2e-5,0.1,0.2,9.81" for t, k in zip(at, kept, strict=True)]
+    (tmp_path / "imu.csv").write_text("\n".join(["time,PacketCounter,gx,gy,gz,ax,ay,az", *rows]) + "\n")
+    gyro, accel = ({"columns": [f"{x}{axis}" for axis in "xyz"]} for x in "ga")
+    found = load(
+        tmp_path / "imu.csv",
+        mapping={
+            "axes": "RFU",
+            "site": [48.1, 11.6, 520],
+            "time": {"column": "time"},
+            "gyro": {**gyro, "unit": "rad/s"},
+            "accel": {**accel, "unit": "m/s2"},
+            "bridge_s": 0.0,
+        },
+    )
+    assert_array_equal(np.flatnonzero(found.missing), [200, 201, 202])
+    assert (found.scale, found.t0) == ("GPS", pytest.approx(1464343218.0, abs=0.002))
+    assert on_clock(found, "2026-06-01T10:00:05Z") == 1464343223.0
+    assert on_clock(found, "+5") == found.t0 + 5.0
+    for name in ("own.npz", "own.csv"):
+        save(found, tmp_path / name)
+        assert (load(tmp_path / name).scale, load(tmp_path / name).t0) == ("GPS", pytest.approx(found.t0, abs=1e-6))

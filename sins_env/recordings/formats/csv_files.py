@@ -189,13 +189,14 @@ def save(recording: Recording, path: Path) -> list[Path]:
     here = np.flatnonzero(~recording.missing)
     t = recording.t0 + (here + 1) / recording.rate_hz
     site = recording.site
+    time = {"column": "t"} | ({} if recording.scale is None else {"scale": recording.scale})
     mapping: dict[str, Any] = {
         "format": "csv",
         "file": path.name,
         "axes": "RFU",
         "rate_hz": recording.rate_hz,
         "site": [*np.degrees(site.pos[:2]).tolist(), site.height],
-        "time": {"column": "t"},
+        "time": time,
         "gyro": {"columns": ["dtheta_x", "dtheta_y", "dtheta_z"], "unit": "rad"},
         "accel": {"columns": ["dvel_x", "dvel_y", "dvel_z"], "unit": "m/s"},
     }
@@ -208,6 +209,7 @@ def save(recording: Recording, path: Path) -> list[Path]:
     if gnss is not None:
         mapping["gnss"], table = _companion(
             fixes,
+            time,
             gnss.t_s,
             ("position", llh, {"unit": "rad"}, gnss.pos),
             ("velocity", tuple(f"v{x}" for x in enu), {"frame": "ENU"}, gnss.vel),
@@ -218,6 +220,7 @@ def save(recording: Recording, path: Path) -> list[Path]:
     if ref is not None:
         mapping["reference"], table = _companion(
             truth,
+            time,
             ref.t_s,
             ("attitude", ("qw", "qx", "qy", "qz"), {"frame": "ENU"}, ref.q_nb),
             ("velocity", tuple(f"v{x}" for x in enu), {"frame": "ENU"}, ref.vel),
@@ -236,13 +239,15 @@ def _table(path: Path, names: tuple[str, ...], *columns: Array) -> tuple[Path, s
     return path, ",".join(names) + "\n" + ",".join(["%r"] * len(names)), np.column_stack(columns)
 
 
-def _companion(path: Path, t: Array, *fields: Any) -> tuple[dict[str, Any], tuple[Path, str, Array]]:
+def _companion(
+    path: Path, time: dict[str, Any], t: Array, *fields: Any
+) -> tuple[dict[str, Any], tuple[Path, str, Array]]:
     """Return the object of the mapping, and the table, for the fields that the recording has."""
     there = [field for field in fields if field[3] is not None]
     spec = {name: {"columns": list(columns), **more} for name, columns, more, _ in there}
     names = ("t", *(column for _, columns, _, _ in there for column in columns))
     table = _table(path, names, t, *(values for *_, values in there))
-    return {"file": path.name, "time": {"column": "t"}, **spec}, table
+    return {"file": path.name, "time": time, **spec}, table
 
 
 FORMAT = Format(

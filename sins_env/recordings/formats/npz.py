@@ -219,6 +219,7 @@ def _own(file: _File, mapping: Mapping) -> Recording:
         file.optional("lever_arm_rfu_m", (3,)),
         reference,
         _displacements(file),
+        scale=file.text("time_scale", "") or None,
     )
     return resample(recording, mapping.resample_hz) if mapping.resample_hz else recording
 
@@ -241,6 +242,7 @@ def save(recording: Recording, path: Path) -> list[Path]:
         OWN: VERSION,
         "rate_hz": recording.rate_hz,
         "t0_s": recording.t0,
+        "time_scale": recording.scale,
         "sample": here,
         "dtheta_rad": recording.dtheta[here],
         "dvel_mps": recording.dvel[here],
