@@ -1,8 +1,8 @@
-"""The true motion of the base: swaying, standing, parked or flying.
+"""The true motion of the base: swaying, standing, parked, flying, or through the places of a table.
 
 The settings of a motion and random generators come in. Exact increments and the true state at the end of each epoch go
-out, in chunks of epochs (:class:`sins_env.motion.Motion`). Read ``sway``; then ``segments``, ``plan``, ``flight``; then
-``suspension``, ``car``, ``vehicle``.
+out, in chunks of epochs (:class:`sins_env.motion.Motion`). Read ``sway``, ``spectrum``; then ``segments``, ``plan``, ``flight``,
+``track``; then ``suspension``, ``car``, ``vehicle``.
 """
 
 from sins_env.motion import Motion, Trajectory

@@ -31,7 +31,7 @@ from sins_env.trajectory.plan import (
     FlightPlan,
     Kinematics,
 )
-from sins_env.trajectory.segments import Segment
+from sins_env.trajectory.segments import MOST_S, Segment
 from sins_env.types import Site
 from sins_env.units import DEG, G0
 
@@ -41,6 +41,7 @@ if TYPE_CHECKING:  # SciPy is slow to import, and needed for tracks only
 DEGREE = 5
 TABLE_FILES = (".csv", ".txt", ".npz")  #: endings of the files that may hold a table
 MOST_ROWS = 1_000_000
+MOST_VALUE, LEAST_STEP_S = 1e10, 1e-4  #: largest number of a table, and least time from a row to the next, s
 #: Columns by name, with other names that files use.
 NAMES = {
     "t": ("time", "t_s", "time_s", "timestamp"),
@@ -347,13 +348,20 @@ def _check_rows(columns: Mapping[str, Array]) -> None:
     if not DEGREE < count <= MOST_ROWS:
         raise ValueError(f"{count} rows; allowed: {DEGREE + 1} to {MOST_ROWS}")
     for name, values in columns.items():
-        bad = np.flatnonzero(~np.isfinite(values))
+        bad = np.flatnonzero(~(np.abs(values) <= MOST_VALUE))
         if len(bad):
-            raise ValueError(f"row {bad[0] + 1}: {name} is {values[bad[0]]}; allowed: finite numbers")
-    back = np.flatnonzero(np.diff(columns["t"]) <= 0)
+            raise ValueError(
+                f"row {bad[0] + 1}: {name} is {values[bad[0]]:g}; allowed: numbers up to {MOST_VALUE:g} in size"
+            )
+    t = columns["t"]
+    back = np.flatnonzero(~(np.diff(t) >= LEAST_STEP_S))
     if len(back):
-        a, b = columns["t"][back[0] : back[0] + 2]
-        raise ValueError(f"row {back[0] + 2}: t = {b:.10g} s after {a:.10g} s; allowed: times that grow")
+        a, b = t[back[0] : back[0] + 2]
+        raise ValueError(
+            f"row {back[0] + 2}: t = {b:.10g} s after {a:.10g} s; allowed: times that grow by {LEAST_STEP_S:g} s or more"
+        )
+    if t[-1] - t[0] > MOST_S:
+        raise ValueError(f"{t[-1] - t[0]:g} s from the first row to the last; allowed: at most {MOST_S:g} s, a week")
 
 
 def _known(name: str) -> str:
@@ -369,7 +377,7 @@ def _read(path: Path) -> dict[str, Array]:
         raise ValueError(f"{path}: no table of a track; allowed: a file that ends in {', '.join(TABLE_FILES)}")
     if ending == ".npz":
         with archive(path) as arrays:
-            return {name: np.asarray(arrays.read(name), dtype=float).ravel() for name in filter(_known, arrays.keys())}
+            return {name: _real(name, arrays.read(name)) for name in filter(_known, arrays.keys())}
     head = read_head(path, Style(header=None), measured=True)
     if not head.names:
         raise ValueError(
@@ -377,6 +385,12 @@ def _read(path: Path) -> dict[str, Array]:
         )
     rows = read_table(path, None, head).rows
     return dict(zip(head.names, rows.T, strict=False))
+
+
+def _real(name: str, values: NDArray[Any]) -> Array:
+    if values.dtype.kind not in "biuf":
+        raise ValueError(f"{name} holds values of type {values.dtype}; allowed: real numbers")
+    return values.astype(float).ravel()
 
 
 def plan_of(given: Any) -> FlightPlan:

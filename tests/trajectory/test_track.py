@@ -172,6 +172,17 @@ def test_a_file_at_fault_is_named(tmp_path):
     )
     with pytest.raises(ValueError, match=r"a\.csv.*(line 6|row 5)"):
         TrackPlan.of(tmp_path / "a.csv")
+    for name, bad in {
+        "c": np.arange(8) * 1j,
+        "d": np.array(["a"] * 8),
+        "e": np.arange(8) * 1e-9,
+        "f": np.arange(8) * 1e9,
+    }.items():
+        np.savez(tmp_path / f"{name}.npz", t=bad, lat=np.ones(8), lon=np.ones(8), h=np.ones(8))
+        with pytest.raises(
+            ValueError, match=rf"{name}\.npz: (t holds values of type|row 2: t = 1e-09 s|7e\+09 s from)"
+        ):
+            TrackPlan.of(tmp_path / f"{name}.npz")
     (tmp_path / "b.csv").write_text("\n".join(f"{i},10,20,0" for i in range(8)))
     with pytest.raises(ValueError, match=r"b\.csv: no header"):
         TrackPlan.of(tmp_path / "b.csv")

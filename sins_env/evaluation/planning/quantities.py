@@ -38,7 +38,9 @@ class Quantity(NamedTuple):
     def size(self, variances: Array, states: Layout) -> Array:
         """Return 1 sigma (...) from the variances (..., n) of the states."""
         picked = variances[..., self.places(states)]
-        return np.sqrt(picked.mean(axis=-1) if self.mean else picked.sum(axis=-1))
+        return np.sqrt(
+            np.maximum(picked.mean(axis=-1) if self.mean else picked.sum(axis=-1), 0.0)
+        )  # rounding goes below
 
 
 QUANTITIES = {

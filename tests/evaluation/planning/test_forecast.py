@@ -105,6 +105,13 @@ def test_without_the_noise_of_fixes_they_are_perfect(short):
     np.testing.assert_allclose(without, perfect.final("azimuth"), rtol=2e-2)  # of 16 and 4 runs, which move otherwise
 
 
+def test_perfect_sensors(short):
+    """Variances that vanish, and are below zero by rounding, give no error and no NaN."""
+    found = forecast(varied(varied(short, "imu", "perfect"), "gps", "perfect"), runs=2)
+    assert found.final("azimuth") < 1e-3 * DEG
+    json.dumps(found.to_dict(), allow_nan=False)
+
+
 def test_it_is_the_bound_of_the_board(short):
     found, board = forecast(short, budget=False), bounds.compute(short)
     np.testing.assert_allclose(found.sigma["azimuth"][9::10], board.sigma[:, 2], rtol=1e-9)
