@@ -98,14 +98,16 @@ def _with_ending(path: Path) -> list[Format]:
     return [format for format in FORMATS.values() if ending in (format.ending, *format.more_endings)]
 
 
-def format_of(path: Path) -> str:
+def format_of(path: Path, writes: bool = False) -> str:
     """Return the format of a name's ending. If formats share the ending, it is the one that recognises the file.
+
+    With ``writes`` it is one that can be written; what stands in a file that is written over says nothing.
 
     Raises:
         ValueError: an ending of no format, or a file that none of several formats recognises, or more than one.
     """
     ending = unpacked_name(path).suffix
-    alike = _with_ending(path)
+    alike = [format for format in _with_ending(path) if format.save or not writes]
     found = [format for format in alike if len(alike) == 1 or (path.is_file() and format.recognises(path))]
     found = found or [format for format in alike if format.save]
     if len(found) == 1:
@@ -160,7 +162,7 @@ def save(
         OSError: files that cannot be written; nothing has changed then.
     """
     where = Path(path)
-    kind = format or format_of(where)
+    kind = format or format_of(where, writes=True)
     choice("format", kind, FORMATS)
     write = FORMATS[kind].save
     if write is None:

@@ -27,7 +27,7 @@ from sins_env.worlds.replay_settings import ReplaySettings
 def convert(given: Namespace, console: Console) -> int:
     """Convert a recording; print the files written, gaps, and parts that the format has no place for."""
     target = Path(given.target)
-    kind = given.to or recordings.format_of(target)
+    kind = given.to or recordings.format_of(target, writes=True)
     with Bar(f"{given.source} to {given.target}", total=1.0) as bar, following(bar.update):
         recording = recordings.load(
             given.source,
