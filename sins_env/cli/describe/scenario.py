@@ -66,7 +66,7 @@ def _defaults(key: Key, kinds: Sequence[MotionKind]) -> str:
 
 
 def as_yaml(name: str) -> str:
-    """Return the text of the file of a task.
+    """Return the text of the file of a task, without its digest, which a copy with changes does not have.
 
     Raises:
         ValueError: an unknown name, or a task that has no file.
@@ -74,4 +74,5 @@ def as_yaml(name: str) -> str:
     path = Path(name) if is_scenario_file(name) else file_of(name)
     if path is None:
         raise unknown("task with a file", name, [one for one in names() if file_of(one)])
-    return path.read_text("utf-8")
+    lines = path.read_text("utf-8").splitlines(keepends=True)
+    return "".join(line for line in lines if not line.startswith("digest:"))

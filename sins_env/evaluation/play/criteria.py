@@ -58,7 +58,7 @@ class Criteria:
         limit = DIVERGED_SIGMAS * np.sqrt(np.diagonal(public.prior.P0))[limited]
         if not known:
             limit[PHI] = DIVERGED_UNKNOWN
-        lost_heading = bool(limit[AZIMUTH] >= math.pi)
+        lost_heading = bool(limit[AZIMUTH] >= math.pi) or not (known or public.coarse_s)
         if lost_heading:
             limit[AZIMUTH] = DIVERGED_UNKNOWN[AZIMUTH]
         return cls(
