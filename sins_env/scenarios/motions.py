@@ -17,7 +17,7 @@ from sins_env.trajectory.sway import AXES, MOTIONS, TURNS, components_of, sea
 from sins_env.trajectory.track import BANKS, TABLE_FILES, TrackPlan
 from sins_env.worlds.flight import FlightSettings
 from sins_env.worlds.profiles import PROFILES, flight_profile
-from sins_env.worlds.replay_settings import ReplaySettings
+from sins_env.worlds.replay_settings import BRIDGES, MOST_BRIDGE_S, ReplaySettings, check_window
 from sins_env.worlds.sway import AlignSettings
 from sins_env.worlds.vehicle import VehicleSettings, check_events
 
@@ -120,7 +120,8 @@ def _accepted(name: str, given: Any) -> Any:
 
 
 def _window(name: str, given: Any) -> Any:
-    return checks.numbers(name, given, 2, "(start, length) in seconds on the clock of the recording")
+    check_window(given)
+    return given
 
 
 VIBRATION = Key("motion.vibration", "adds the vibration of 000 (2.5.5), at 250 to 400 Hz", "vibration", checks.flag)
@@ -237,6 +238,12 @@ KINDS = {
                     number(above=0.0),
                 ),
                 Key("motion.windows", "number of windows, which are the runs", "task.windows", whole(1, 1e6)),
+                Key(
+                    "motion.bridge_s",
+                    "longest gap between samples that interpolated increments fill",
+                    "bridge",
+                    number(allowed=BRIDGES, least=0.0, most=MOST_BRIDGE_S),
+                ),
                 Key("motion.accept", "findings with which the recording is taken as it is", "accept", _accepted),
             ),
         ),

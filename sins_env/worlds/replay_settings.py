@@ -24,8 +24,8 @@ EPOCH_S = 0.1  #: default length of an epoch, s
 BRIDGES = f"a number of seconds, 0 to {MOST_BRIDGE_S:g}"
 
 
-def _window(given: Any) -> tuple[float | str, float]:
-    """Return start and length of a window.
+def check_window(given: Any) -> tuple[float | str, float]:
+    """Check start and length of a window.
 
     Raises:
         ValueError: anything else.
@@ -106,7 +106,7 @@ class ReplaySettings:
         if self.n_sub is not None:
             checks.number("n_sub", self.n_sub, "a whole number of samples per epoch, or None")
         if self.window is not None:
-            set_(self, "window", _window(self.window))
+            set_(self, "window", check_window(self.window))
         if self.duration is not None:
             set_(self, "duration", check_duration(self.duration, 0.0))
             if self.window is not None:
