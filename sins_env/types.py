@@ -86,6 +86,8 @@ class Observation(TypedDict):
     gps_pos: Array  #: (..., 3) latitude rad, longitude rad, height m; zeros without a fix
     gps_valid: NDArray[np.int8]  #: (..., 1) 1 with a fix at t, else 0
     gps_age: NotRequired[Array]  #: (..., 1) s, t less the time of the fix
+    gps_vel_std: NotRequired[Array]  #: (..., 3) m/s, standard deviation of gps_vel that the receiver states
+    gps_pos_std: NotRequired[Array]  #: (..., 3) m, standard deviation of gps_pos East, North, Up
 
 
 class Estimator(Protocol):

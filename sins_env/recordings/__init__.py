@@ -28,7 +28,7 @@ from sins_env.recordings.findings import REFUSING, Finding, findings
 from sins_env.recordings.formats.npz import LAYOUTS, Layout
 from sins_env.recordings.interpolation import reference_at
 from sins_env.recordings.mapping import accepted
-from sins_env.recordings.recording import Displacements, Gap, Gnss, Recording, Reference, first_few, seconds
+from sins_env.recordings.recording import Displacements, Gap, Gnss, Recording, Reference, first_few, seconds, stated
 from sins_env.recordings.stamps.bridging import BRIDGE_S, MOST_BRIDGE_S, bridged
 from sins_env.recordings.stamps.instants import on_clock, told_time
 from sins_env.recordings.summary import North, Summary, north, summarise
@@ -63,6 +63,7 @@ __all__ = [
     "resample",
     "save",
     "seconds",
+    "stated",
     "summarise",
     "to_rfu",
     "told_time",

@@ -23,6 +23,11 @@ class Gnss(NamedTuple):
     vel_std: Array | None = None  #: (M, 3) the same of the velocity, m/s
 
 
+def stated(std: Array) -> Mask:
+    """Return which fixes (M,) have a standard deviation in ``std`` (M, 3); zero means that the receiver states none."""
+    return np.asarray((np.isfinite(std) & (std > 0)).all(axis=1))
+
+
 class Reference(NamedTuple):
     """The states against which errors are taken: a smoothed solution at the IMU, not an independent truth."""
 

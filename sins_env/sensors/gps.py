@@ -19,7 +19,7 @@ from sins_env.kernels import kernel
 from sins_env.kernels.algebra import add, put_vector, times, vector
 from sins_env.motion import Motion
 from sins_env.sensors.imu import standard_normal
-from sins_env.sensors.limits import MAX_AGE_S, MAX_SPEED, POS_HIGH, POS_LOW, Field, clip
+from sins_env.sensors.limits import MAX_AGE_S, MAX_SPEED, MAX_STD, POS_HIGH, POS_LOW, Field, clip
 from sins_env.specs import AidSpec, GpsSpec
 
 #: Velocity (runs, epochs, 3) in m/s, position (runs, epochs, 3), and 1 or 0 for a fix or none (runs, epochs, 1).
@@ -34,6 +34,12 @@ FIELDS = {
 
 #: The field that stands beside them if fixes are not made at the ends of epochs.
 AGE = {"gps_age": Field.of(1, 0.0, MAX_AGE_S, "s, t less the time of the fix; zero without a fix")}
+
+#: The fields that stand beside them if the receiver states the noise of each fix.
+STD = {
+    "gps_vel_std": Field.of(3, 0.0, MAX_STD, "m/s, standard deviation of gps_vel E, N, U; zeros without a fix"),
+    "gps_pos_std": Field.of(3, 0.0, MAX_STD, "m, standard deviation of gps_pos E, N, U; zeros without a fix"),
+}
 
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  #: its multiples modulo 1 fill (0, 1) evenly
 #: Assumed noise of zero-velocity updates: the base stands still but for disturbances, at a surveyed place.

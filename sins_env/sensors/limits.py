@@ -12,6 +12,7 @@ from sins_env.arrays import Array
 
 MAX_ANGLE, MAX_SPEED, MAX_HEIGHT, MAX_TIME, MAX_AGE_S = 2 * math.pi, 1e4, 1e5, 1e7, 1e3
 
+MAX_STD = 1e9  #: largest standard deviation that a receiver may state, m or m/s
 POS_LOW = np.array([-math.pi / 2, -math.pi, -1e3])
 POS_HIGH = np.array([math.pi / 2, math.pi, MAX_HEIGHT])
 

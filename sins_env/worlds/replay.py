@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sins_env import recordings
-from sins_env.arrays import Array, Obs, Rngs
+from sins_env.arrays import Array, Mask, Obs, Rngs
 from sins_env.prior import PRIORS, TOLD_START_STD_DEG
 from sins_env.recordings import Recording
-from sins_env.sensors.gps import AGE, FIELDS, Fixes, epochs_per_fix, in_fields, received, zero_velocity_fixes
+from sins_env.sensors.gps import AGE, FIELDS, STD, epochs_per_fix, in_fields, received, zero_velocity_fixes
 from sins_env.sensors.imu import standard_normal
 from sins_env.specs import imu_spec
 from sins_env.types import NavState, Task
@@ -68,10 +68,10 @@ class ReplayWorld(ChunkedWorld):
             settings.stride,
             told,
         )
-        if self.windows.aged:
-            self.fields = {**FIELDS, **AGE}
         self.gps, imu = settings.fixes(self.recording), imu_spec(settings.imu)
         gps = self.gps
+        self._std = settings.std_of_fixes(self.recording)
+        self.fields = {**FIELDS, **(AGE if self.windows.aged else {}), **(STD if self._std else {})}
         self._every = epochs_per_fix(gps, settings.epoch) if self.recording.gnss is None else 1
         spread = TOLD_START_STD_DEG if told else unknown_spread(coarse)
         prior = PRIORS[settings.prior](imu, gps, settings.epoch, spread)
@@ -113,18 +113,27 @@ class ReplayWorld(ChunkedWorld):
         dtheta, dvel = self.recording.dtheta[rows].reshape(shape), self.recording.dvel[rows].reshape(shape)
         times = self._times(first + 1, count)
         number = np.arange(first + 1, first + count + 1)
-        fixes = self._aged_fixes(times, number) if self.windows.aged else in_fields(self._fixes(times, number))
+        fixes = self._aged_fixes(times, number) if self.windows.aged else self._fixes(times, number)
         return {"dtheta": dtheta, "dvel": dvel, **fixes}, self._truth(times)
 
-    def _fixes(self, times: Array, number: NDArray[np.int64]) -> Fixes:
+    def _fixes(self, times: Array, number: NDArray[np.int64]) -> Obs:
         gnss, there = self.recording.gnss, received(self.gps, number * self.task.epoch_s)
         if gnss is None:
-            return zero_velocity_fixes(there & (number % self._every == 0), len(times), self.task.site.pos)
+            there &= number % self._every == 0
+            return in_fields(zero_velocity_fixes(there, len(times), self.task.site.pos))
         half = self.windows.half_sample
         i = np.minimum(np.searchsorted(gnss.t_s, times - half), len(gnss.t_s) - 1)
-        valid = (np.abs(gnss.t_s[i] - times) <= half)[..., None] & there[:, None]
+        return self._delivered(i, (np.abs(gnss.t_s[i] - times) <= half)[..., None] & there[:, None])
+
+    def _delivered(self, i: NDArray[np.int64], valid: Mask) -> Obs:
+        """Return the fields of the fixes ``i`` (runs, epochs), with the noise that the receiver states of each."""
+        gnss, std = self.recording.gnss, self._std
+        assert gnss is not None
         assert gnss.vel is not None
-        return gnss.vel[i] * valid, gnss.pos[i] * valid, valid.astype(np.int8)
+        fixes = in_fields((gnss.vel[i] * valid, gnss.pos[i] * valid, valid.astype(np.int8)))
+        if std:
+            fixes |= {"gps_vel_std": std.vel[i] * valid, "gps_pos_std": std.pos[i] * valid}
+        return fixes
 
     def _aged_fixes(self, times: Array, number: NDArray[np.int64]) -> Obs:
         """Return the fields of fixes that were made within epochs, with their ages at the end.
@@ -143,8 +152,7 @@ class ReplayWorld(ChunkedWorld):
         age = np.maximum(times - gnss.t_s[i], 0.0)
         there = (own | late) & received(self.gps, number * epoch - age)
         valid = there[..., None]
-        fixes = in_fields((gnss.vel[i] * valid, gnss.pos[i] * valid, valid.astype(np.int8)))
-        return {**fixes, "gps_age": np.where(there, age, 0.0)[..., None]}
+        return {**self._delivered(i, valid), "gps_age": np.where(there, age, 0.0)[..., None]}
 
     def truth_at(self, k: int) -> NavState:
         """Return the reference at the end of epoch k, (runs, ...); epochs may be asked for in any order."""

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sins_env import checks
 from sins_env.prior import PRIORS
+from sins_env.reading.datasheets import in_own_units
 from sins_env.recordings import BRIDGE_S, MOST_BRIDGE_S, Recording, accepted
 from sins_env.sensors.gps import ZERO_VELOCITY
 from sins_env.specs import GPS_PRESETS, GpsSpec, gps_spec
+from sins_env.worlds.receiver_std import FixStd, ReceiverStd
 from sins_env.worlds.settings import STARTS, check_coarse, check_duration, check_epoch, check_misalignment
 
 MODES = ("align", "navigate")  #: allowed values of ``mode``
@@ -64,6 +66,9 @@ class ReplaySettings:
     default those of the preset "dgps", because real fixes scatter less within a minute but wander over minutes. Rate and
     lever arm are the recording's own. ``outages_s``, in s of the window, withholds fixes.
 
+    Standard deviations that the receiver states are the noise of each fix, unless ``gps`` has a preset or tells them.
+    ``fix_std`` has their ``factor``, ``vel_floor_mps`` and ``pos_floor_m``.
+
     A recording without GNSS has zero-velocity updates at the known site, by default with 0.03 m/s at every epoch. The
     ``rate_hz`` of a ``gps`` dict makes them rarer.
 
@@ -84,6 +89,7 @@ class ReplaySettings:
     coarse: float | None = None
     imu: Any = "rlg-car"
     gps: Any = None
+    fix_std: Any = None
     start: str = "unknown"
     misalignment_deg: tuple[float, ...] | None = None
     prior: str = "matched"
@@ -101,6 +107,7 @@ class ReplaySettings:
         set_ = object.__setattr__
         set_(self, "epoch", None if self.epoch is None else check_epoch(self.epoch))
         set_(self, "bridge", checks.number("bridge", self.bridge, BRIDGES, least=0.0, most=MOST_BRIDGE_S))
+        set_(self, "fix_std", ReceiverStd.made(self.fix_std))
         set_(self, "coarse", check_coarse(self.coarse, self.start, COARSE_S[self.mode]))
         set_(self, "misalignment_deg", check_misalignment(self.misalignment_deg, self.start))
         if self.n_sub is not None:
@@ -148,9 +155,21 @@ class ReplaySettings:
     def fixes(self, recording: Recording) -> GpsSpec:
         """Return the assumed noise of the fixes, with their rate, lever arm and outages.
 
+        If the receiver states the noise of each fix, it is the median of that.
+
         Raises:
             ValueError: a setting that only a simulation can have, or a rate that is not the recording's.
         """
+        spec, each = self._told(recording)[0], self.std_of_fixes(recording)
+        return spec if each is None else each.typical(spec)
+
+    def std_of_fixes(self, recording: Recording) -> FixStd | None:
+        """Return the assumed noise of each fix; None if ``gps`` tells it, or if the receiver states nothing."""
+        spec, told = self._told(recording)
+        return None if recording.gnss is None else self.fix_std.of(recording.gnss, told, spec)
+
+    def _told(self, recording: Recording) -> tuple[GpsSpec, Collection[str]]:
+        """Return what ``gps`` tells of the fixes, with the defaults, and the names of the fields that it tells."""
         gnss = recording.gnss
         if gnss is None:
             base = replace(ZERO_VELOCITY, rate_hz=1.0 / (self.epoch or EPOCH_S))
@@ -159,8 +178,9 @@ class ReplaySettings:
             rate = 1.0 / float(np.median(np.diff(gnss.t_s))) if len(gnss.t_s) > 1 else 1.0
             base = replace(GPS_PRESETS["dgps"], rate_hz=rate, lever_arm_m=tuple(map(float, lever)))
         if self.gps is None:
-            return base
+            return base, ()
         settings = {"preset": self.gps} if isinstance(self.gps, str) else self.gps
+        told: Collection[str] = GpsSpec.__dataclass_fields__
         if not isinstance(settings, Mapping):  # a specification, or what is none
             spec = replace(gps_spec(settings), rate_hz=base.rate_hz, lever_arm_m=base.lever_arm_m)
         else:
@@ -168,6 +188,8 @@ class ReplaySettings:
             if "preset" in settings:
                 named = gps_spec(str(settings.pop("preset")))
                 base = replace(named, rate_hz=base.rate_hz, lever_arm_m=base.lever_arm_m)
+            else:
+                told = in_own_units(settings, asdict(base), "GpsSpec").values
             spec = gps_spec(settings, base)
         if spec.jump_mps:
             raise ValueError(
@@ -175,4 +197,4 @@ class ReplaySettings:
             )
         if gnss is not None and not math.isclose(spec.rate_hz, base.rate_hz):
             raise ValueError(f"GpsSpec.rate_hz = {spec.rate_hz:g}; allowed: {base.rate_hz:g}, the recording's own")
-        return spec
+        return spec, told

@@ -10,7 +10,7 @@ from sins_env.worlds.replay_settings import ReplaySettings
 
 
 def told(**given):
-    return sensor_settings(Namespace(**{"imu": None, "gps": None, "outage": [], **given}))
+    return sensor_settings(Namespace(**{"imu": None, "gps": None, "fix_std": None, "outage": [], **given}))
 
 
 def test_options_become_settings():

@@ -1,4 +1,4 @@
-"""The options ``--imu``, ``--gps`` and ``--outage`` as settings of a replay."""
+"""The options ``--imu``, ``--gps``, ``--fix-std`` and ``--outage`` as settings of a replay."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from typing import Any
 
 from sins_env.reading.datasheets import told
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS, gps_spec, imu_spec
+from sins_env.worlds.receiver_std import ReceiverStd
 
 
 def sensor_settings(given: Namespace) -> dict[str, Any]:
-    """Return the settings ``imu`` and ``gps`` that the command line tells, each a preset's name or a dict of fields.
+    """Return the settings ``imu``, ``gps`` and ``fix_std`` that the command line tells, by preset or by field.
 
     Raises:
         ValueError: an unknown preset or field, or a value out of range.
@@ -26,4 +27,7 @@ def sensor_settings(given: Namespace) -> dict[str, Any]:
     if given.outage:
         gps = settings.get("gps", {})
         settings["gps"] = {**({"preset": gps} if isinstance(gps, str) else gps), "outages_s": given.outage}
+    if given.fix_std is not None:
+        settings["fix_std"] = told(given.fix_std, (), "--fix-std")
+        ReceiverStd.made(settings["fix_std"])
     return settings

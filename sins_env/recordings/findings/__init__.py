@@ -25,6 +25,7 @@ CHECKS: tuple[Check, ...] = (
     fixes.null_fixes,
     fixes.held_fixes,
     fixes.positions_and_velocities,
+    fixes.receiver_std,
     inertial.hung_sensor,
     inertial.saturated,
     inertial.glitches,

@@ -12,7 +12,7 @@ from sins_env import earth
 from sins_env.arrays import Array, Mask
 from sins_env.recordings.axes import swap_ned
 from sins_env.recordings.findings.finding import Finding
-from sins_env.recordings.recording import Gnss, Recording
+from sins_env.recordings.recording import Gnss, Recording, stated
 from sins_env.units import DEG
 
 NULL_RAD, LEAST_HEIGHT_M = 1e-6, -600.0  #: a fix nearer to latitude and longitude 0, or below any land, is no fix
@@ -197,3 +197,18 @@ def _displacements(a: Array, b: Array) -> Array:
 
 def _span(gnss: Gnss, at: NDArray[np.int64]) -> tuple[float, float]:
     return float(gnss.t_s[at[0]]), float(gnss.t_s[at[-1]])
+
+
+def receiver_std(recording: Recording) -> Iterator[Finding]:
+    """Count the fixes whose standard deviation is zero in a file that has a place for it: the receiver states none."""
+    gnss = recording.gnss
+    if gnss is None:
+        return
+    for what, std in (("positions", gnss.pos_std), ("velocities", gnss.vel_std)):
+        if std is not None and not (there := stated(std)).all():
+            t, none = gnss.t_s[~there], int((~there).sum())
+            text = (
+                f"{none} of {len(there)} standard deviations of the {what} are zero, which is what receivers write that have "
+                "none; the assumed ones stand in (--gps)"
+            )
+            yield Finding("receiver_std", none, 0.0, "", (float(t[0]), float(t[-1])), text, False)

@@ -43,7 +43,7 @@ class Gps:
         self._lever = np.asarray(task.gps.lever_arm_m) if any(task.gps.lever_arm_m) else None
         self._law, self._fix = noise_law(task.gps), Fix(states, task.gps.velocity)
         self.shown = self._fix.shown  #: the states that a fix shows
-        rows = FIX.places(self.shown)
+        self._rows = rows = FIX.places(self.shown)
         self._R, self.rows = task.prior.R[np.ix_(rows, rows)], len(rows)
         self._position, self._vertical = "dp" in states, states.only("dv").size == 3
         self._oldest = task.gps.oldest_s
@@ -93,11 +93,19 @@ class Gps:
         if not seen:
             return None
         off, arm, made = self._compared(obs, ins, valid)
-        residual, R = off[..., self._fix.rows], self._R
+        residual, R = off[..., self._fix.rows], self._noise(obs, valid)
         if seen < valid.size:
             residual = np.where(valid[..., None], residual, 0.0)
-            R = R + np.where(valid, 0.0, MISSING)[..., None, None] * np.eye(len(R))
+            R = R + np.where(valid, 0.0, MISSING)[..., None, None] * np.eye(self.rows)
         return self._fix.measurement(residual, R, arm, self._law, made)
+
+    def _noise(self, obs: Observation, valid: Mask) -> Array:
+        """Return the covariance of a fix, (rows, rows), or (..., rows, rows) by what the receiver states of it."""
+        if "gps_pos_std" not in obs:
+            return self._R
+        std = np.concatenate([obs["gps_vel_std"], obs["gps_pos_std"]], axis=-1)[..., self._rows]
+        variance = np.where(valid[..., None], std**2, np.diag(self._R))
+        return variance[..., None] * np.eye(len(self._R))
 
     def _compared(self, obs: Observation, ins: Ins, valid: Mask) -> tuple[Array, Array | None, Made | None]:
         """Return INS minus fix, the arm of the antenna, or None without one, and when the fix was made.

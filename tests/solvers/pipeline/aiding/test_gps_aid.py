@@ -100,6 +100,19 @@ def test_runs_without_a_fix(task):
         assert read(gps, obs, nav) is None
 
 
+@pytest.mark.parametrize("errors", [AlignmentErrors(), NavigationErrors(position=False), NavigationErrors()])
+def test_the_receiver_states_the_noise_of_each_fix(task, errors):
+    """Each run has its own; the run without a fix has the variance of a missing one."""
+    obs, nav = fixes(task, 3)
+    std = np.random.default_rng(5).uniform(0.1, 3.0, (3, 6))
+    obs["gps_valid"][1], std[1] = 0, 0.0
+    me = read(Gps(task, errors.states), {**obs, "gps_vel_std": std[:, :3], "gps_pos_std": std[:, 3:]}, nav)
+    m = {10: 2, 12: 3, 15: 6}[errors.states.size]
+    for run in (0, 2):
+        np.testing.assert_array_equal(me.R[run], np.diag(std[run, :m] ** 2))
+    assert np.all(np.diag(me.R[1]) >= MISSING)
+
+
 @pytest.mark.parametrize("arm", [(0.0, 0.0, 0.0), (1.0, -2.0, 0.5)])
 def test_a_vertical_velocity_that_is_no_state_is_held(task, arm):
     obs, nav = fixes(task, 3)
