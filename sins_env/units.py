@@ -11,6 +11,8 @@ DEG_PER_H = DEG / 3600.0  #: deg/h in rad/s
 DEG_PER_SQRT_H = DEG / 60.0  #: deg/sqrt(h) in rad/sqrt(s)
 UG = 1e-6 * G0  #: micro-g in m/s^2, and micro-g per sqrt(Hz) in m/s per sqrt(s)
 PPM = 1e-6
+KMH = 1.0 / 3.6  #: km/h in m/s
+KNOT = 1852.0 / 3600.0  #: kn in m/s
 
 _HOUR = 3600.0
 
@@ -52,8 +54,8 @@ UNITS: dict[str, tuple[str, float]] = {
     "mps": ("speed", 1.0),
     "cm_s": ("speed", 1e-2),
     "mm_s": ("speed", 1e-3),
-    "km_h": ("speed", 1.0 / 3.6),
-    "kn": ("speed", 1852.0 / _HOUR),
+    "km_h": ("speed", KMH),
+    "kn": ("speed", KNOT),
     "m": ("length", 1.0),
     "cm": ("length", 1e-2),
     "mm": ("length", 1e-3),

@@ -372,6 +372,8 @@ def _add_sensors(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--gps", metavar="SPEC", help="errors of the fixes, likewise (default: the receiver's own, or dgps)"
     )
+    text = "errors of a sensor in the recording: odometer, odometer:calibrated, dvl:noise_mps=0.02, height:off; may be repeated"
+    sub.add_argument("--aid", action="append", default=[], metavar="NAME[:SPEC]", help=text)
     text = "standard deviations in the file: factor=2,pos_floor_m=0.05,vel_floor_mps=0.02 (default: as they are, at least 0.01)"
     sub.add_argument("--fix-std", metavar="SETTINGS", help=text)
 

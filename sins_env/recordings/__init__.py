@@ -28,7 +28,17 @@ from sins_env.recordings.findings import REFUSING, Finding, findings
 from sins_env.recordings.formats.npz import LAYOUTS, Layout
 from sins_env.recordings.interpolation import reference_at
 from sins_env.recordings.mapping import accepted
-from sins_env.recordings.recording import Displacements, Gap, Gnss, Recording, Reference, first_few, seconds, stated
+from sins_env.recordings.recording import (
+    Displacements,
+    Gap,
+    Gnss,
+    Readings,
+    Recording,
+    Reference,
+    first_few,
+    seconds,
+    stated,
+)
 from sins_env.recordings.stamps.bridging import BRIDGE_S, MOST_BRIDGE_S, bridged
 from sins_env.recordings.stamps.instants import on_clock, told_time
 from sins_env.recordings.summary import North, Summary, north, summarise
@@ -46,6 +56,7 @@ __all__ = [
     "Gnss",
     "Layout",
     "North",
+    "Readings",
     "Recording",
     "Reference",
     "Summary",

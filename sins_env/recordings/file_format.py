@@ -82,4 +82,5 @@ PARTS: dict[str, Callable[[Recording], bool]] = {
     "lever arm": lambda recording: recording.lever_arm is not None,
     "displacements": lambda recording: recording.displacements is not None,
     "standard deviations of the fixes": _has_spread,
+    "aids": lambda recording: bool(recording.aids),
 }

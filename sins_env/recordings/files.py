@@ -180,6 +180,7 @@ def _targets(recording: Recording, path: Path, kind: str) -> list[Path]:
     beside = FORMATS[kind].beside(path)
     parts = (recording.gnss, recording.reference)
     there = [file for file, part in zip(beside, parts, strict=False) if part is not None]
+    there += [path.with_name(f"{path.stem}_{name}{path.suffix}") for name in recording.aids if beside]
     return [path, *there, *([path.with_suffix(".json")] if beside else [])]
 
 

@@ -68,6 +68,7 @@ class Mapping:
     comment: tuple[str, ...] = COMMENTS  #: marks from which on a line is no data
     skip_lines: int = 0  #: lines before the table
     header: bool | None = None  #: whether the first row holds names; None finds out
+    aids: Any = None  #: readings of aiding sensors, an object for each (:mod:`sins_env.recordings.readings`)
     counter: Any = None  #: column of a counter of samples, which tells time where no column does
     imu: str | None = None  #: name of the IMU: its type in a NovAtel log, its variable in a NaveGo file
     drop_null_fixes: bool = False  #: leaves out fixes at latitude 0 and longitude 0, or below all land
@@ -103,6 +104,8 @@ class Mapping:
         )
         set_(self, "accept", accepted(self.accept))
         checks.choice("way to integrate rates", self.rates, RATES)
+        if self.aids is not None and not isinstance(self.aids, dict):
+            raise checks.refused("aids", self.aids, "an object with the columns of each sensor")
         if self.delimiter is not None and not (isinstance(self.delimiter, str) and len(self.delimiter) == 1):
             raise checks.refused("delimiter", self.delimiter, "one character; a space stands for any white space")
         if self.decimal is not None:
@@ -128,6 +131,7 @@ class Mapping:
     def companions(self) -> list[str]:
         """Return the names of the files that this mapping adds to the recording's own."""
         parts = (self.time, self.gyro, self.accel, self.counter, self.gnss, self.reference)
+        parts += tuple((self.aids or {}).values())
         return [name for part in parts if isinstance(name := part.get("file") if isinstance(part, dict) else part, str)]
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,15 @@ class Gnss(NamedTuple):
 def stated(std: Array) -> Mask:
     """Return which fixes (M,) have a standard deviation in ``std`` (M, 3); zero means that the receiver states none."""
     return np.asarray((np.isfinite(std) & (std > 0)).all(axis=1))
+
+
+class Readings(NamedTuple):
+    """Readings of an aiding sensor, on the clock of the IMU, in the unit and the axes of its observation."""
+
+    t_s: Array  #: (M,) times, s
+    #: (M, size) readings; of an odometer the distance rolled so far; of a heading without a pitch East and North alone.
+    values: Array
+    unit: bool = False  #: whether they are vectors of length one, which tell a direction alone
 
 
 class Reference(NamedTuple):
@@ -90,6 +100,7 @@ class Recording:
     stamping: Stamping | None = None  #: how the stamps of the file lay about the clock; None for a file without stamps
     scale: str | None = None  #: "GPS" if times are absolute, seconds of GPS time since 1980-01-06; None if unknown
     bridged: tuple[Gap, ...] = ()  #: gaps that are filled with interpolated increments
+    aids: Mapping[str, Readings] = field(default_factory=dict)  #: readings of aiding sensors, by name
 
     @property
     def end(self) -> float:

@@ -21,6 +21,7 @@ from sins_env.sensors.gps import AGE, FIELDS, STD, epochs_per_fix, in_fields, re
 from sins_env.sensors.imu import standard_normal
 from sins_env.specs import imu_spec
 from sins_env.types import NavState, Task
+from sins_env.worlds.recorded_aids import RecordedAid, specs_of
 from sins_env.worlds.replay_settings import ReplaySettings
 from sins_env.worlds.settings import unknown_spread
 from sins_env.worlds.windows import ON_TIME_S, Windows
@@ -71,7 +72,13 @@ class ReplayWorld(ChunkedWorld):
         self.gps, imu = settings.fixes(self.recording), imu_spec(settings.imu)
         gps = self.gps
         self._std = settings.std_of_fixes(self.recording)
+        told_aids = specs_of(settings.aids, self.recording)
+        half = self.windows.half_sample
+        self._aids = [RecordedAid(one, self.recording.aids[one.name], settings.epoch, half) for one in told_aids]
+        for aid in self._aids:
+            aid.check(self.windows.starts, self.windows.num_epochs, self.recording.name)
         self.fields = {**FIELDS, **(AGE if self.windows.aged else {}), **(STD if self._std else {})}
+        self.fields |= {name: field for aid in self._aids for name, field in aid.fields.items()}
         self._every = epochs_per_fix(gps, settings.epoch) if self.recording.gnss is None else 1
         spread = TOLD_START_STD_DEG if told else unknown_spread(coarse)
         prior = PRIORS[settings.prior](imu, gps, settings.epoch, spread)
@@ -87,6 +94,7 @@ class ReplayWorld(ChunkedWorld):
             prior=prior,
             coarse_told=not coarse,
             navigate=navigates,
+            aids=tuple(one.told() for one in told_aids),
         )
 
     def reset(self, rngs: Rngs, options: dict[str, Any]) -> tuple[NavState, NavState | None]:
@@ -114,6 +122,8 @@ class ReplayWorld(ChunkedWorld):
         times = self._times(first + 1, count)
         number = np.arange(first + 1, first + count + 1)
         fixes = self._aged_fixes(times, number) if self.windows.aged else self._fixes(times, number)
+        for aid in self._aids:
+            fixes |= aid.readings(times, number)
         return {"dtheta": dtheta, "dvel": dvel, **fixes}, self._truth(times)
 
     def _fixes(self, times: Array, number: NDArray[np.int64]) -> Obs:

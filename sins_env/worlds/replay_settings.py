@@ -69,6 +69,8 @@ class ReplaySettings:
     Standard deviations that the receiver states are the noise of each fix, unless ``gps`` has a preset or tells them.
     ``fix_std`` has their ``factor``, ``vel_floor_mps`` and ``pos_floor_m``.
 
+    ``aids`` tells of the recording's other sensors, each by a preset, a dict of fields, or "off". None has their defaults.
+
     A recording without GNSS has zero-velocity updates at the known site, by default with 0.03 m/s at every epoch. The
     ``rate_hz`` of a ``gps`` dict makes them rarer.
 
@@ -90,6 +92,7 @@ class ReplaySettings:
     imu: Any = "rlg-car"
     gps: Any = None
     fix_std: Any = None
+    aids: Any = None
     start: str = "unknown"
     misalignment_deg: tuple[float, ...] | None = None
     prior: str = "matched"

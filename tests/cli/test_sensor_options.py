@@ -10,7 +10,7 @@ from sins_env.worlds.replay_settings import ReplaySettings
 
 
 def told(**given):
-    return sensor_settings(Namespace(**{"imu": None, "gps": None, "fix_std": None, "outage": [], **given}))
+    return sensor_settings(Namespace(**{"imu": None, "gps": None, "fix_std": None, "aid": [], "outage": [], **given}))
 
 
 def test_options_become_settings():
@@ -21,6 +21,25 @@ def test_options_become_settings():
         "gps": {"outages_s": [[1.0, 2.0]]},
     }
     assert told(gps="dgps", outage=[[1.0, 2.0]]) == {"gps": {"preset": "dgps", "outages_s": [[1.0, 2.0]]}}
+    assert told(
+        fix_std="factor=2", aid=["odometer:calibrated,noise_mps=0.1", "dvl", "height:off", "depth,noise_cm=3"]
+    ) == {
+        "fix_std": {"factor": 2},
+        "aids": {
+            "odometer": {"preset": "calibrated", "noise_mps": 0.1},
+            "dvl": {},
+            "height": "off",
+            "depth": {"noise_cm": 3},
+        },
+    }
+    for given, text in (
+        ({"aid": ["odomter"]}, "did you mean 'odometer'"),
+        ({"aid": ["odometer:calibratd"]}, "did you mean 'calibrated'"),
+        ({"aid": ["dvl:noise_mp=1"]}, "did you mean 'noise_mps'"),
+        ({"fix_std": "factr=2"}, "did you mean 'factor'"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            told(**given)
     with pytest.raises(ValueError, match="did you mean 'mems'"):
         told(imu="mesm")
 

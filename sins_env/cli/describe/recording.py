@@ -44,6 +44,7 @@ def describe_recording(name: str, console: Console, imu: ImuSpec | None = None) 
         "lever arm": "unknown; zero" if lever is None else f"{', '.join(f'{x:g}' for x in lever)} m right, forward, up",
         "reference": "none" if reference is None else _reference(reference, found),
         "displacements": _displacements(recording.displacements),
+        "aids": ", ".join(f"{name} ({len(one.t_s)} readings)" for name, one in recording.aids.items()),
         "|f|": f"{_three(found.force, 1.0, '.4f')} m/s² (median and range of means over 1 s); gravity {gravity:.4f}",
         "|w|": f"{_three(found.rate, DEG_PER_H, '.4g')} deg/h",
         "at rest": _spans(found.rest),
@@ -53,6 +54,8 @@ def describe_recording(name: str, console: Console, imu: ImuSpec | None = None) 
         del rows["lever arm"]
     if recording.displacements is None:
         del rows["displacements"]
+    if not recording.aids:
+        del rows["aids"]
     for key, text in rows.items():
         table.add_row(key, text)
     console.print(table)

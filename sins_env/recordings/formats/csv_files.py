@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,8 @@ from sins_env.recordings.columns import FRAMES, PARTS_OF_DATE, Part, make_part, 
 from sins_env.recordings.file_format import TEXT_KEYS, Format, unpacked_name
 from sins_env.recordings.formats import rtklib
 from sins_env.recordings.mapping import Mapping, companion
-from sins_env.recordings.recording import Gnss, Recording, Reference
+from sins_env.recordings.readings import WAYS, readings_of
+from sins_env.recordings.recording import Gnss, Readings, Recording, Reference
 from sins_env.recordings.text import read_head, write_files
 from sins_env.recordings.times import Times, on_scale_of
 
@@ -66,7 +68,8 @@ def load(path: Path, mapping: Mapping) -> Recording:
     gnss = None if mapping.gnss is None else _gnss(path, mapping, times)
     reference = None if mapping.reference is None else _reference(path, mapping, turn, times)
     lever = None if mapping.lever_arm_m is None else turn @ np.array(mapping.lever_arm_m)
-    return assemble(path, mapping, clock, gnss, reference, lever)
+    aids = readings_of(path, mapping, times)
+    return replace(assemble(path, mapping, clock, gnss, reference, lever), aids=aids)
 
 
 def _inertial(path: Path, mapping: Mapping) -> dict[str, Part]:
@@ -227,7 +230,31 @@ def save(recording: Recording, path: Path) -> list[Path]:
             ("position", llh, {"unit": "rad"}, ref.pos),
         )
         files.append(table)
+    for name, readings in recording.aids.items():
+        held = _held(name, readings)
+        there, table = _companion(path.with_name(f"{path.stem}_{name}{path.suffix}"), readings.t_s, *held)
+        mapping.setdefault("aids", {})[name] = there
+        files.append(table)
     return write_files(files, path.with_suffix(".json"), mapping)
+
+
+def _held(name: str, readings: Readings) -> list[tuple[str, tuple[str, ...], dict[str, Any], Array]]:
+    """Return field, columns, unit and values of the readings of an aid, in the first way of ``WAYS`` that holds them."""
+    values = readings.values
+    if readings.unit:
+        heading = np.arctan2(values[:, 0], values[:, 1])[:, None]
+        angles: list[tuple[str, tuple[str, ...], dict[str, Any], Array]] = [
+            ("heading", ("heading",), {"unit": "rad"}, heading)
+        ]
+        if values.shape[1] == 3:
+            angles.append(("pitch", ("pitch",), {"unit": "rad"}, np.arcsin(np.clip(values[:, 2:], -1.0, 1.0))))
+        return angles
+    if name == "heading":
+        return [("baseline", ("E", "N", "U"), {"unit": "m", "frame": "ENU"}, values)]
+    field = next(iter(WAYS[name][0].columns))
+    unit = {"dvl": "m/s", "magnetometer": "T"}.get(name, "m")
+    columns = _xyz(field) if values.shape[1] == 3 else (field,)
+    return [(field, columns, {"unit": unit}, values)]
 
 
 def _xyz(name: str) -> tuple[str, ...]:
@@ -255,7 +282,7 @@ FORMAT = Format(
     ".csv",
     load,
     save,
-    keys=(*TEXT_KEYS, "time", "gyro", "accel", "rates", "delimiter", "header", "counter"),
+    keys=(*TEXT_KEYS, "time", "gyro", "accel", "rates", "delimiter", "header", "counter", "aids"),
     companions=("_gnss", "_reference"),
     lacks=("displacements",),
 )

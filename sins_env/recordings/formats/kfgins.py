@@ -179,7 +179,7 @@ FORMAT = Format(
     save,
     keys=TEXT_KEYS,
     companions=("_gnss", "_truth"),
-    lacks=("displacements",),
+    lacks=("displacements", "aids"),
     recognises=has_increments,
     distinctive=False,
 )

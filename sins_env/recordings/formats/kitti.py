@@ -91,7 +91,7 @@ FORMAT = Format(
     STAMPS,
     load,
     keys=SITE_KEYS,
-    lacks=("displacements",),
+    lacks=("displacements", "aids"),
     recognises=has_samples,
     distinctive=False,
     more_endings=(".txt",),

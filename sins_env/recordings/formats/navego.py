@@ -134,7 +134,7 @@ FORMAT = Format(
     ".mat",
     load,
     keys=(*SITE_KEYS, "imu"),
-    lacks=("displacements",),
+    lacks=("displacements", "aids"),
     recognises=has_structs,
     distinctive=False,
 )

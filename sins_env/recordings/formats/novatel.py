@@ -276,7 +276,7 @@ FORMAT = Format(
     ".asc",
     load,
     keys=(*SITE_KEYS, "imu", "gyro", "accel"),
-    lacks=("displacements",),
+    lacks=("displacements", "aids"),
     recognises=names_itself,
     more_endings=(".log", ".gps", ".txt"),
 )

@@ -13,13 +13,15 @@ import numpy as np
 
 from sins_env import attitude
 from sins_env.arrays import Array
+from sins_env.checks import choice
 from sins_env.reading.archives import Archive, archive
 from sins_env.recordings.assembling import check_unit, geodetic, site
 from sins_env.recordings.axes import to_rfu, turned
 from sins_env.recordings.clock import Samples, check_increasing, clocked, on_grid, resample
 from sins_env.recordings.file_format import Format
 from sins_env.recordings.mapping import Mapping
-from sins_env.recordings.recording import Displacements, Gnss, Recording, Reference, first_few, frozen
+from sins_env.recordings.readings import SIZES, WAYS
+from sins_env.recordings.recording import Displacements, Gnss, Readings, Recording, Reference, first_few, frozen
 from sins_env.writing.files import replacing
 
 
@@ -220,8 +222,25 @@ def _own(file: _File, mapping: Mapping) -> Recording:
         reference,
         _displacements(file),
         scale=file.text("time_scale", "") or None,
+        aids=_aids(file),
     )
     return resample(recording, mapping.resample_hz) if mapping.resample_hz else recording
+
+
+def _aids(file: _File) -> dict[str, Readings]:
+    """Read the readings of aiding sensors that the package's own layout holds."""
+    found = {}
+    for name in sorted(
+        key[len("aid_") : -len("_t_s")] for key in file.keys if key.startswith("aid_") and key.endswith("_t_s")
+    ):
+        choice(f"{file.path}: aid", name, WAYS)
+        t = file.times(f"aid_{name}_t_s")
+        values = file.array(f"aid_{name}_values", (len(t), None))
+        most = max(SIZES[name])
+        if values.shape[1] not in SIZES[name]:
+            raise ValueError(f"{file.path}: aid_{name}_values has {values.shape[1]} columns; allowed: {most}")
+        found[name] = Readings(t, values, bool(file.scalar(f"aid_{name}_unit")))
+    return found
 
 
 def _in_range(file: _File, key: str, llh: Array) -> Array:
@@ -255,6 +274,9 @@ def save(recording: Recording, path: Path) -> list[Path]:
         arrays |= {"gnss_pos_std_enu_m": gnss.pos_std, "gnss_vel_std_enu_mps": gnss.vel_std}
     if ref is not None:
         arrays |= {"ref_t_s": ref.t_s, "ref_q_nb_wxyz": ref.q_nb, "ref_vel_enu_mps": ref.vel, "ref_llh_rad_m": ref.pos}
+    for name, readings in recording.aids.items():
+        arrays |= {f"aid_{name}_t_s": readings.t_s, f"aid_{name}_values": readings.values}
+        arrays |= {f"aid_{name}_unit": int(readings.unit)}
     if recording.displacements is not None:
         keys = ("tdcp_t_imu_s", "tdcp_span_s", "tdcp_disp_enu_m", "tdcp_nsat", "tdcp_res_rms_m")
         arrays |= zip(keys, recording.displacements, strict=True)

@@ -129,6 +129,6 @@ FORMAT = Format(
     load,
     save,
     keys=("site",),
-    lacks=("fixes", "reference", "lever arm", "displacements"),
+    lacks=("fixes", "reference", "lever arm", "displacements", "aids"),
     recognises=names_itself,
 )

@@ -123,5 +123,5 @@ def save(recording: Recording, path: Path) -> list[Path]:
 
 
 FORMAT = Format(
-    "psins-mat", ".mat", load, save, keys=SITE_KEYS, lacks=("displacements", "standard deviations of the fixes")
+    "psins-mat", ".mat", load, save, keys=SITE_KEYS, lacks=("displacements", "aids", "standard deviations of the fixes")
 )

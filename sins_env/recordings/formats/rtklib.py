@@ -97,4 +97,6 @@ def _places(columns: dict[str, int], group: tuple[str, ...]) -> list[int] | None
     return [columns[name] for name in group] if all(name in columns for name in group) else None
 
 
-FORMAT = Format("rtklib", ".pos", load, lacks=("reference", "lever arm", "displacements"), recognises=holds_fixes)
+FORMAT = Format(
+    "rtklib", ".pos", load, lacks=("reference", "lever arm", "displacements", "aids"), recognises=holds_fixes
+)
