@@ -32,7 +32,9 @@ class Way:
     """One way in which a file may hold a sensor: the columns that it needs, and the readings made of them."""
 
     columns: dict[str, tuple[int, bool]]  #: number of columns of each field, and whether it is needed
-    readings: Callable[[Part, Array, Array], Readings]  #: of the columns, the times, and the turn into Right-Forward-Up
+    readings: Callable[
+        [Part, Array, Array], Readings
+    ]  #: made of the columns, the times, and the turn into Right-Forward-Up
 
 
 def _travelled(part: Part, t: Array, turn: Array) -> Readings:
