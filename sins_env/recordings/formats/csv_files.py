@@ -232,7 +232,7 @@ def save(recording: Recording, path: Path) -> list[Path]:
         files.append(table)
     for name, readings in recording.aids.items():
         held = _held(name, readings)
-        there, table = _companion(path.with_name(f"{path.stem}_{name}{path.suffix}"), readings.t_s, *held)
+        there, table = _companion(path.with_name(f"{path.stem}_{name}{path.suffix}"), time, readings.t_s, *held)
         mapping.setdefault("aids", {})[name] = there
         files.append(table)
     return write_files(files, path.with_suffix(".json"), mapping)
