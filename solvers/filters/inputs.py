@@ -389,8 +389,13 @@ class _Picked:
 
     def __init__(self, g: Function, rows: Any) -> None:
         self._g, self._rows = g, rows
-        jacobian = getattr(g, "jacobian", None)
+        jacobian, both = getattr(g, "jacobian", None), getattr(g, "value_and_jacobian", None)
         self.jacobian = None if jacobian is None else lambda x: jacobian(x)[..., rows, :]
+        self.value_and_jacobian = None if both is None else self._both
+
+    def _both(self, x: Array) -> tuple[Array, Array]:
+        y, J = self._g.value_and_jacobian(x)  # type: ignore[attr-defined]
+        return y[..., self._rows], J[..., self._rows, :]
 
     def __call__(self, x: Array) -> Array:
         return self._g(x)[..., self._rows]

@@ -128,7 +128,7 @@ class Sensor(ABC):
 
     @abstractmethod
     def noise(self) -> Array:
-        """Return the assumed variances of a reading, (rows,), or (..., rows) if they differ by run."""
+        """Return the assumed variances of a reading, (rows,), or (..., rows) where ``covariance`` says so."""
 
     def told(self, obs: Observation, ins: Ins) -> tuple[Array, Mask]:
         """Return the readings (..., rows) at the end of the epoch, and which components are there."""
@@ -149,9 +149,15 @@ class Sensor(ABC):
         hat = State(ins.C, ins.nav.vel, np.zeros_like(ins.nav.vel), self.rate(ins), own)
         expected = self.value(hat)
         z = np.where(present, expected - reading, 0.0)
-        variances = self.noise()
-        R = np.diag(variances) if variances.ndim == 1 else variances[..., None] * np.eye(self.rows)
-        return Measurement(z, Shown(self, hat, expected), R, None, present)
+        return Measurement(z, Shown(self, hat, expected), self.covariance(), None, present)
+
+    def covariance(self) -> Array:
+        """Return the assumed covariance of a reading, (rows, rows), or (..., rows, rows) if it differs by run."""
+        return self._same
+
+    @cached_property
+    def _same(self) -> Array:
+        return np.diag(self.noise())
 
 
 class Reads(Protocol):
@@ -195,6 +201,8 @@ class Shown:
 
     def value_and_jacobian(self, x: Array) -> tuple[Array, Array]:
         """Return h and dh / dx at x (..., n)."""
+        if not self._points(x) and not np.count_nonzero(x):  # where a closed loop is, as a rule
+            return np.zeros(np.broadcast_shapes(self.expected.shape, (*x.shape[:-1], 1))), self._slope(x, self.hat)
         s = self.without(x)
         return self._value(x, s), self._slope(x, s)
 

@@ -118,6 +118,9 @@ class Ranges(Sensor):
             found["ranges.multipath"] = np.eye(self.rows, self._count)
         return found
 
+    def covariance(self) -> Array:
+        return self.noise()[..., None] * np.eye(self.rows)
+
     def noise(self) -> Array:
         factor = self.spec.seen(self._place[..., 2] / self._far[..., 0])
         return np.square(np.concatenate([self.spec.range_m * factor, self.spec.rate_mps * factor], axis=-1))

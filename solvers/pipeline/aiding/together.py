@@ -111,7 +111,10 @@ def stacked(parts: Sequence[Measurement | None], rows: Sequence[int], batch: tup
             present[..., here] = found
             z[..., here] = np.where(found, part.z, 0.0)
             gone = np.diagonal(part.R, axis1=-2, axis2=-1) >= MISSING
-            R[..., here, here] = np.where(gone[..., None] | gone[..., None, :], np.eye(size), part.R)
+            some = np.count_nonzero(gone)
+            R[..., here, here] = (
+                np.where(gone[..., None] | gone[..., None, :], np.eye(size), part.R) if some else part.R
+            )
     h = Joined([(None if part is None else part.h, size) for part, size in zip(parts, rows, strict=True)])
     return Measurement(z, h, R, None, present)
 

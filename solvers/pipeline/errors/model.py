@@ -107,9 +107,16 @@ class ErrorModel(ABC):
 
     def carry(self, epoch_s: float) -> Array | None:
         """Return the matrix (k, k) that takes the parameters through an epoch; None if all are constant."""
-        if all(p.constant for p in self.parameters):
-            return None
-        return self._of_parameters([p.carry(epoch_s) for p in self.parameters])
+        if epoch_s not in self._carries:
+            constant = all(p.constant for p in self.parameters)
+            blocks = [p.carry(epoch_s) for p in self.parameters]
+            self._carries[epoch_s] = None if constant else self._of_parameters(blocks)
+        return self._carries[epoch_s]
+
+    @cached_property
+    def _carries(self) -> dict[float, Array | None]:
+        """What ``carry`` has found, by the length of the epoch."""
+        return {}
 
     def added(self, epoch_s: float) -> Array:
         """Return the covariance (k, k) of what an epoch adds to the parameters, in their units."""
