@@ -71,7 +71,9 @@ def family(one: Forecast) -> list[RenderableType]:
             number_text(member.final(key) / q.unit) if key in member.sigma else "-" for key, q in one.quantities.items()
         ]
         table.add_row(name, *cells, *(seconds_text(found.holds_s) for found in member.reached))
-    return _headed(f"{one.task.name} with other settings, at the end", table)
+    known = dict.fromkeys(name for member in one.family.values() for name in member.known)
+    note = f"Counted as known in some, whose errors are larger: {', '.join(known)}." if known else ""
+    return _headed(f"{one.task.name} with other settings, at the end", table, note)
 
 
 def sentence(one: Forecast, found: Reached) -> str:

@@ -223,9 +223,10 @@ def test_the_verb(cli, short):
     assert told["until"][0]["first_s"] is None
     assert list(told["family"]) == ["imu = perfect", "imu = tactical"]
     assert sum(row["share"]["azimuth"] for row in told["budget"]) == pytest.approx(1.0)
-    code, out, _ = cli("bound", "short-v0", "--compare", "gps.rate_hz=1")
+    code, out, _ = cli("bound", "short-v0", "--compare", "imu=navigation")
     assert code == 0
-    assert "gps.rate_hz = 1" in out
+    assert "imu = navigation" in out
+    assert "Counted as known in some, whose errors are larger: scale_ppm" in out
     code, _, err = cli("bound", "short-v0", "--at", "21")
     assert code == 2
     assert "0 to 20 s" in err[0]
