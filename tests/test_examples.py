@@ -15,6 +15,7 @@ LITTLE = {
     "compare_two_filters": "--runs 2 --seconds 15",
     "custom_estimator": "--runs 1 --seconds 60",
     "gps_outage": "--runs 2 --flight flight-hotstart30-v0",
+    "my_recording": "--seconds 40",
     "own_scenarios": "--seconds 20",
     "paper_002_examples": "--runs 20",
     "start_in_motion": "--runs 2 --solver ckf",
