@@ -26,6 +26,7 @@ from sins_env.types import NavState, Observation, Task
 from sins_env.units import DEG, DEG_PER_H, UG
 from solvers.pipeline.coarse.aided import Windows
 from solvers.pipeline.coarse.fits import by_svd
+from solvers.pipeline.coarse.inertial import InertialFrame
 from solvers.pipeline.coarse.methods import METHODS, Coarse
 from solvers.pipeline.coarse.motion import (
     Body,
@@ -84,7 +85,10 @@ class FromData:
         """Take one more epoch."""
         self._k += 1
         self._usual.add(obs)
-        self._by_fixes.add(obs)
+        if isinstance(self._usual, InertialFrame) and isinstance(self._by_fixes, Velocity):
+            self._by_fixes.follow(self._usual, obs)
+        else:
+            self._by_fixes.add(obs)
         self._go(obs)
         if self._by_body is not None:
             self._by_body.add(obs)

@@ -47,6 +47,11 @@ class InertialFrame(OnTheSpot, ABC):
         self._q = attitude.normalize(attitude.multiply(self._q, ends[..., -1, :]))
         self._keep(self._v_b, np.broadcast_to(self._gravity_integral(), self._v_b.shape), obs)
 
+    @property
+    def integrated(self) -> tuple[int, Array, Array]:
+        """Number of epochs, integral of the force (..., 3) m/s, and attitude (..., 4), both in the body axes at the start."""
+        return self._k, self._v_b, self._q
+
     def spread(self) -> Spread | None:
         """Return None: the motion of the base itself disturbs these pairs, and how much is not told."""
         return None

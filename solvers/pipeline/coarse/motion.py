@@ -118,6 +118,12 @@ class InMotion(InertialFrame, ABC):
         self._spread_at = round(task.coarse_s / task.epoch_s)
         self._seen: list[Epoch] = []  # as far as the spread is asked for
 
+    def follow(self, other: InertialFrame, obs: Observation) -> None:
+        """Take one more epoch, whose increments another method has integrated; none that integrates more than velocities."""
+        self._v_before = self._v_b
+        self._k, self._v_b, self._q = other.integrated
+        self._keep(self._v_b, self._v_b, obs)
+
     def _integrate(self, steps: Array) -> None:
         self._v_before = self._v_b
         super()._integrate(steps)
