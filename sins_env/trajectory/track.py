@@ -260,7 +260,7 @@ def _angles(t: Array, columns: Mapping[str, Array], moving: _Moving, bank: str) 
         )
     if len(given) == len(ANGLES):
         return _spline(t, np.stack([given[name] for name in ANGLES], axis=-1))
-    from scipy.ndimage import gaussian_filter1d
+    from scipy.ndimage import gaussian_filter1d  # slow to import, needed by tables without attitudes only
 
     width = ANGLE_SMOOTH_S / (moving.t[1] - moving.t[0])
     parts = []
