@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Any
 
 from sins_env import checks
@@ -14,6 +15,7 @@ from sins_env.sensors import aids
 from sins_env.specs import gps_spec, imu_spec
 from sins_env.worlds import settings
 from sins_env.worlds.flight import ERRORS
+from sins_env.worlds.receiver_std import ReceiverStd
 
 RANKINGS = ("azimuth", "position", "velocity", "failures")  #: scores by which a task of navigation can rank
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
@@ -36,7 +38,13 @@ def _gps(name: str, given: Any) -> Any:
 
 
 def _aids(name: str, given: Any) -> Any:
-    aids.specs(given)
+    on = {one: spec for one, spec in given.items() if spec != "off"} if isinstance(given, Mapping) else given
+    aids.specs(on)
+    return given
+
+
+def _fix_std(name: str, given: Any) -> Any:
+    ReceiverStd.made(given)
     return given
 
 
@@ -102,6 +110,7 @@ COMMON = (
     Key("start.errors", "fixed: misalignment and biases are + 1 sigma in every run", "errors", one_of(*ERRORS)),
     Key("told.imu", "what solvers are told of the IMU where it differs from imu", "told.imu", _imu),
     Key("told.gps", "what solvers are told of the fixes where it differs from gps", "told.gps", _gps),
+    Key("told.fix_std", "how the standard deviations that a receiver states are used", "fix_std", _fix_std),
     Key(
         "told.prior",
         "matched: the prior states what is drawn; thesis: that of 000 section 2.5.4",

@@ -36,7 +36,7 @@ from sins_env.types import Site
 from sins_env.units import DEG, G0
 
 if TYPE_CHECKING:  # SciPy is slow to import, and needed for tracks only
-    from scipy.interpolate import BSpline
+    from scipy.interpolate import BSpline  # slow to import, needed by tracks only
 
 DEGREE = 5
 TABLE_FILES = (".csv", ".txt", ".npz")  #: endings of the files that may hold a table
@@ -234,7 +234,7 @@ class _Moving:
         course = np.unwrap(np.arctan2(self.vel[fast, 0], self.vel[fast, 1]))
         if len(course) < 2 or fast.all():
             return np.interp(self.t, self.t[fast], course)
-        from scipy.interpolate import PchipInterpolator
+        from scipy.interpolate import PchipInterpolator  # slow to import, needed by tracks only
 
         inside = np.clip(self.t, *self.t[fast][[0, -1]])
         return np.asarray(PchipInterpolator(self.t[fast], course)(inside))
@@ -276,7 +276,7 @@ def _angles(t: Array, columns: Mapping[str, Array], moving: _Moving, bank: str) 
 
 def _spline(t: Array, values: Array, std: float = 0.0) -> BSpline:
     """Return the spline of fifth degree through values (n,) or (n, c); with a standard deviation a smoother one beside them."""
-    from scipy.interpolate import BSpline, make_interp_spline, make_splprep
+    from scipy.interpolate import BSpline, make_interp_spline, make_splprep  # slow to import, needed by tracks only
 
     if not std:
         return make_interp_spline(t, values, k=DEGREE)
