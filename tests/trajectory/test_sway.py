@@ -90,6 +90,17 @@ def test_a_motion_of_ones_own_moves_along_the_vessel():
     assert np.abs(state.vel[0, :, 2] - state.vel[1, :, 2]).max() > 0.01  # its phase is drawn
 
 
+def test_a_fast_motion_is_integrated_to_rounding():
+    """Increments of long samples are the sums of those of short ones, whatever the periods are."""
+    fast = {
+        "roll": {"amplitude_deg": 40, "period_s": 0.3, "phase_deg": 5},
+        "yaw": {"amplitude_deg": 90, "period_s": 0.5},
+    }
+    long, short = (make(epoch=0.3, n_sub=n, runs=2, motion=SwayMotion.of(fast))[0].chunk(3, 2) for n in (1, 30))
+    assert_allclose(long.dtheta[:, :, 0], short.dtheta.sum(axis=2), atol=1e-12)
+    assert_allclose(long.dvel[:, :, 0], short.dvel.sum(axis=2), atol=1e-11)
+
+
 def test_phases_that_are_drawn_leave_the_other_draws_as_they_were():
     starts = [
         make(runs=2, motion=SwayMotion.of({"surge": OWN["surge"], **turns}), heading_deg=None)[1]
