@@ -127,6 +127,10 @@ class Part:
             raise ValueError(
                 f"{self.path}: {where} has a part of a fix; allowed: all of its columns, or all of them blank"
             )
+        if blank.all():
+            raise ValueError(
+                f"{self.path}: no row holds a fix; allowed: a fix in some row, or a mapping without these columns"
+            )
         return np.flatnonzero(~blank.any(axis=1))
 
     def __getitem__(self, field: str) -> Array:

@@ -308,6 +308,8 @@ def test_blank_columns_are_rows_without_a_fix(tmp_path, blank):
 
 
 def test_a_part_of_a_fix_is_none(tmp_path):
+    with pytest.raises(ValueError, match="no row holds a fix; allowed: a fix in some row, or a mapping without"):
+        load(write(tmp_path, "\n".join(one_table()), gnss=GNSS, site=None))
     rows = one_table(99, 199)
     rows[100] = rows[100].replace("520.0", "")
     with pytest.raises(
