@@ -140,7 +140,7 @@ def test_errors_at_the_time_of_a_fix_are_those_of_two_mechanisations():
     q = attitude.multiply(attitude.misalignment_quaternion(np.radians([0.5, -0.3, 3.0])), states.q_nb[0])
     off = earth.displace(MODEL, states.pos[0], np.array([5.0, -4.0, 3.0]))
     ins = sd.start(NavState(q, states.vel[0] + [0.3, -0.2, 0.1], off))
-    eps, nabla = np.radians([2.0, -3.0, 1.0]) / 3600, np.array([10.0, -8.0, 5.0]) * 1e-3
+    eps, nabla = np.radians([2.0, -3.0, 1.0]) / 3600, np.array([100.0, -80.0, 50.0]) * 1e-3
     model = NavigationErrors()
     fix, left = gps_aid.Fix(model.states), []
     for k in range(200):

@@ -21,6 +21,7 @@ from sins_env.types import NavState
 from solvers.pipeline.aiding import aid, together
 from solvers.pipeline.errors.invariant import Invariant
 from solvers.pipeline.errors.navigation import NavigationErrors
+from solvers.pipeline.strapdown import Strapdown
 from solvers.types import Innovation, Measurement
 
 RUNS = 12
@@ -306,6 +307,22 @@ def test_what_wanders_decays_in_the_state_and_where_it_was_fed_back(task):
     np.testing.assert_allclose(p.driven(60.0) ** 2 + (p.std * decay) ** 2, p.std**2)
     np.testing.assert_allclose(errors.noise(task.prior)[at, at], p.driven(task.epoch_s) ** 2)
     assert together.decayed(errors.parameters, {p.name: np.ones(1)}, 60.0)[p.name] == pytest.approx(np.exp(-0.1))
+
+
+def test_the_growth_of_invariant_errors_carries_a_clock_on(task):
+    errors = together.with_parameters(NavigationErrors(), task)
+    sd = Strapdown(MODEL, task.epoch_s, 1, task.site.pos, hold_position=False)
+    start = sd.start(NavState(np.array([[1.0, 0.0, 0.0, 0.0]]), np.ones((1, 3)), task.site.pos[None]))
+    after, motion = sd.advance(start, np.zeros((1, 1, 3)), np.ones((1, 1, 3)))
+    n = errors.states.size
+    grown = Invariant(MODEL, task.site.pos, errors.states).transition(
+        errors.transition(motion, np.eye(n)), start.nav, after.nav
+    )
+    own = slice(ERRORS.size, None)
+    F = grown.f.value_and_jacobian(np.zeros((1, n)))[1][0]
+    np.testing.assert_array_equal(F[own, own], errors.carry(task.epoch_s))
+    clock = errors.states["ranges.clock"]
+    np.testing.assert_allclose(F[clock, clock], [[1.0, task.epoch_s], [0.0, 1.0]])
 
 
 def test_an_observation_without_what_is_told(task):
