@@ -58,7 +58,7 @@ class Criteria:
         limit = DIVERGED_SIGMAS * np.sqrt(np.diagonal(public.prior.P0))[limited]
         if not known:
             limit[PHI] = DIVERGED_UNKNOWN
-        lost_heading = bool(limit[AZIMUTH] >= math.pi) or not (known or public.coarse_s)
+        lost_heading = bool(limit[AZIMUTH] >= math.pi)
         if lost_heading:
             limit[AZIMUTH] = DIVERGED_UNKNOWN[AZIMUTH]
         return cls(
@@ -75,6 +75,11 @@ class Criteria:
             span_from=max(round(task.score_from_s / public.epoch_s), round(public.coarse_s / public.epoch_s)) + 1,
             final_limit=math.inf if task.fail_azimuth_deg is None else math.radians(task.fail_azimuth_deg),
         )
+
+    @property
+    def limited_late(self) -> bool:
+        """Whether all limits hold in the steady state only: the attitude is found while errors are scored."""
+        return not self.known_start and self.coarse_epochs == 0
 
     @property
     def components(self) -> int:

@@ -145,7 +145,7 @@ class Scorer:
             self.hold_max = np.maximum(self.hold_max, size[:, k >= first_held].max(axis=1))
         beyond = (np.abs(errors[..., : len(c.limit)]) > c.limit) & fine
         steady = (k >= c.steady_from)[:, None]
-        beyond[..., LATE] &= steady
+        beyond[..., slice(None) if c.limited_late else LATE] &= steady
         if c.lost_heading:
             beyond[..., AZIMUTH] &= steady[:, 0]
         _first(self.diverged_at, beyond, k)

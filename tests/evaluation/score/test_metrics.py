@@ -138,6 +138,16 @@ def test_a_heading_that_may_be_anything_is_judged_in_the_steady_state():
     assert list(score(e, None, CRITERIA).status) == ["diverged"] * 4
 
 
+def test_an_attitude_unknown_in_motion_is_judged_in_the_steady_state():
+    """What is lost at the end still counts, and all counts after a coarse phase."""
+    moving = dataclasses.replace(CRITERIA, known_start=False, navigates=True, coarse_epochs=0, limit=np.full(9, 0.5))
+    e = np.zeros((2, K, 12))
+    e[0, :400, :9] = 3.0
+    e[1, moving.steady_from - 1, 1] = 0.6
+    assert list(score(e, None, moving).status) == ["ok", "diverged"]
+    assert list(score(e, None, dataclasses.replace(moving, coarse_epochs=100)).status) == ["diverged"] * 2
+
+
 def test_the_limits_follow_from_what_is_told():
     for kwargs, limit, lost in (({}, (10, 10, 150), False), ({"any_heading": True}, (10, 10, 90), True)):
         task = dataclasses.replace(get_task("sway-white-v0"), kwargs={"duration": 100.0, **kwargs})
