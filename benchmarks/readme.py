@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import markers
+import numpy as np
 import suite
 import zoo
 
 from sins_env.cli.output import remark
+from sins_env.evaluation.score.verdicts import Measure
 from sins_env.evaluation.show.numbers import angle_text, number_text, seconds_text
 from sins_env.evaluation.tasks.catalogue import TASKS
 from sins_env.units import ARCSEC
@@ -105,11 +107,19 @@ def _name(one: Entry) -> str:
     return f"**`{one['solver']}`**" if one["word"] == "wins" and one["suite"] == "B" else f"`{one['solver']}`"
 
 
+def _over(one: Entry, task: Entry) -> str:
+    """Return the ratio to the bound, in brackets if the two are not comparable; '-' if there is none."""
+    if one["x_bound"] is None:
+        return "-"
+    text = f"×{_ratio(one['x_bound'], one['x_bound_ci'])}"
+    return text if Measure(task["cap"], task["bound"], task["bound_holds"]).comparable else f"({text})"
+
+
 def _told(one: Entry, task: Entry) -> str:
     """Return score, ratio to the bound, failed runs and time of a result in words."""
     parts = [_estimate(one["score"], one["score_ci"], task["unit"])]
     if one["x_bound"] is not None:
-        parts.append(f"×{_ratio(one['x_bound'], one['x_bound_ci'])}")
+        parts.append(_over(one, task))
     parts.append(_failed(one))
     if one["time_s"] is not None and one["aligned"] and one["aligned"] > 0.5:
         parts.append(f"{seconds_text(one['time_s'])} s")
@@ -145,15 +155,17 @@ def _others(board: Board, task: Entry) -> str:
 # ---- numbers in words ----
 
 
-def _value(value: float | None, unit: str) -> str:
+def _value(value: float | None, unit: str, largest: float | None = None) -> str:
+    """Return a value with its unit, which for an angle follows from the largest of those beside it."""
     if value is None:
         return "-"
-    text = angle_text(value / ARCSEC) if unit == "rad" else number_text(value)
-    return text if text.endswith("°") else text + {"rad": "″"}.get(unit, f" {unit}")
+    if unit == "rad" and angle_text((largest or value) / ARCSEC).endswith("°"):
+        return f"{number_text(np.degrees(value))}°"
+    return number_text(value / ARCSEC) + "″" if unit == "rad" else f"{number_text(value)} {unit}"
 
 
 def _estimate(value: float | None, ends: Sequence[float | None], unit: str) -> str:
-    interval = "" if None in ends else f" [{'–'.join(_value(end, unit) for end in ends)}]"
+    interval = "" if None in ends else f" [{'–'.join(_value(end, unit, value) for end in ends)}]"
     return _value(value, unit) + interval
 
 
@@ -182,7 +194,7 @@ Every solver of the default suite on every task that it plays, made by `make lea
 * **failed**: runs beyond three times the cap or a level's threshold, or that raised, froze or were lost.
 * **score**: root of the mean squared error of a run, none counted beyond the cap. It ranks.
 * **× bound**: score over the Cramér-Rao bound, adjusted by the luck of the bound's own filter in the same runs.
-  In brackets the bound is only a reference.
+  In brackets the bound is only a reference, or the cap is below 2.5 bounds and takes part of the errors away.
 * **median**: the error of a typical run. **time**: median time to alignment, from the start of the fine phase.
 * **/ `ckf`**: ratio of the scores in the same runs, with the p value of sign flips, Holm-adjusted for all solvers of the task.
 * **#**: one more than the number of solvers that beat it. Those that share rank 1 hold the best one with 95 % probability.
@@ -213,8 +225,6 @@ def _section(board: Board, task: Entry) -> str:
 
 def _row(one: Entry, task: Entry) -> tuple[str, ...]:
     rank = "-" if one["rank"] is None else str(one["rank"])
-    known = one["x_bound"] is not None
-    over = f"×{_ratio(one['x_bound'], one['x_bound_ci'])}" if known else "-"
     time = "-" if one["aligned"] is None else "never" if one["time_s"] is None else seconds_text(one["time_s"])
     ratio = "-" if one["ratio"] is None else _ratio(one["ratio"], one["ratio_ci"])
     p = "" if one["p_adjusted"] is None else f", p {_p(one['p_adjusted'])}"
@@ -224,7 +234,7 @@ def _row(one: Entry, task: Entry) -> tuple[str, ...]:
         str(one["runs"]),
         _failed(one).partition(" of")[0] + _failed(one).partition("failed")[2],
         _estimate(one["score"], one["score_ci"], task["unit"]),
-        f"({over})" if known and not task["bound_holds"] else over,
+        _over(one, task),
         _value(one["median"], task["unit"]),
         time,
         "-" if one["nees"] is None else number_text(one["nees"], 2),

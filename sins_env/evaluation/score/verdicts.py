@@ -50,6 +50,11 @@ class Measure:
     bound: float = math.nan  #: Cramer-Rao bound of the score; NaN if there is none
     holds: bool = True  #: whether the bound holds; if not, it is only a reference
 
+    @property
+    def comparable(self) -> bool:
+        """Whether a score may be held against the bound: the bound holds, and the cap is far enough above it."""
+        return self.holds and not self.cap < LEAST_CAP * self.bound
+
 
 @dataclass(frozen=True, eq=False)
 class Entry:
@@ -163,7 +168,7 @@ def _scores(entries: Sequence[Entry], measure: Measure) -> list[dict[str, Any]]:
     """Return the scores and ratios to the bound of solvers with the same runs."""
     loss = np.stack([losses.capped(one.error, measure.cap) for one in entries], axis=1)
     roots, enough, bounded = losses.scores(loss), len(loss) >= LEAST_INTERVAL, measure.bound > 0.0
-    oracle, told = entries[0].oracle, measure.holds and measure.cap >= LEAST_CAP * measure.bound
+    oracle, told = entries[0].oracle, measure.comparable
     if bounded:
         over = (
             [root.over(measure.bound) for root in roots]

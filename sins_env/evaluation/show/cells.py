@@ -109,10 +109,10 @@ def with_interval(value: Estimate, unit: str) -> Cell:
 
 
 def x_bound(one: Results) -> Cell:
-    """Return the score over the bound with its interval, in brackets if the bound is only a reference."""
+    """Return the score over the bound with its interval, in brackets if the two are not comparable."""
     told = one.verdict
     text = number_text(told.x_bound)
-    shown = Cell(text if one.measure.holds else f"({text})", interval_text(told.x_bound_ci))
+    shown = Cell(text if one.measure.comparable else f"({text})", interval_text(told.x_bound_ci))
     return shown._replace(note="below", mark="bad") if one.below_bound else shown
 
 

@@ -109,7 +109,11 @@ def _bound_note(results: Sequence[Results]) -> list[str]:
     if not bounded:
         return []
     text = "x bound: score over the Cramér-Rao bound of estimators that know nothing of the motion"
-    text += "" if bounded[0].measure.holds else "; in brackets, for it is only a reference here"
+    measure = bounded[0].measure
+    if not measure.holds:
+        text += "; in brackets, for it is only a reference here"
+    elif not measure.comparable:
+        text += f"; in brackets, for the cap is only {number_text(measure.cap / measure.bound)} times the bound"
     adjusted = [one.verdict.adjusted for one in bounded]
     if all(adjusted):
         text += "; adjusted by the luck of the oracle in the same runs"
