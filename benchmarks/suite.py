@@ -88,6 +88,10 @@ PLAYED: Mapping[str, tuple[str, ...]] = {
     "flight-zhao2010-v0": (*USUAL, "aukf_window", "imm_ekf", "student_t_ckf", "inekf", "vb_ckf"),
     "flight-sun2012-physical-v0": (*USUAL, "inekf"),
     "flight-sun2012-fixed-v0": (*USUAL, "inekf"),
+    **dict.fromkeys(
+        ("inmotion-car-v0", "inmotion-flight-v0", "car-odometer-v0", "ship-dvl-v0", "dualantenna-mems-v0", "gpsdr-v0", "tight-v0"),
+        (*USUAL, "inekf", "gsf_ekf"),
+    ),
 }  # fmt: skip
 #: Slow solvers that play besides, after all other tasks.
 PRELIMINARY: Mapping[str, tuple[str, ...]] = {
