@@ -62,6 +62,14 @@ def _duration_or_interval(name: str, given: Any) -> float | tuple[float, float]:
     return checks.interval(name, given, allowed)
 
 
+def durations_or_intervals(name: str, given: Any) -> float | tuple[tuple[float, float], ...]:
+    if checks.items(given) is not None:
+        return intervals(name, given)
+    return checks.number(
+        name, given, f"a mean duration in s, not negative, or a list of {_INTERVAL}", least=0.0, most=MOST
+    )
+
+
 _age = partial(checks.number, allowed="a number of seconds, 0 to 1", least=0.0, most=1.0)
 
 
@@ -133,6 +141,10 @@ class GpsSpec:
     heavy_tail_dof: float = 0.0  #: degrees of freedom of Student-t errors, one factor per fix; 0 is Gaussian
     jump_mps: float = 0.0  #: size of a velocity offset in a horizontal direction that each run draws
     jump_s: float | tuple[float, float] = 0.0  #: interval of the offset, or its duration with a start that is drawn
+    spoof_mps2: float = (
+        0.0  #: acceleration with which a spoofer pulls the fixes off, in a horizontal direction that is drawn
+    )
+    spoof_s: float | tuple[float, float] = 0.0  #: interval of the pull, or its duration with a start that is drawn
     velocity: bool = True  #: whether a fix has a velocity beside its position
     age_s: float = 0.0  #: how old a fix is at the end of the epoch that holds it: made within it, or delivered late
     age_jitter_s: float = 0.0  #: spread of the age: fixes are between ``age_s`` and this much older
@@ -146,11 +158,16 @@ class GpsSpec:
             "outages_s": intervals,
             "contamination": partial(checks.number, allowed="a number from 0 to 1", least=0.0, most=1.0),
             "heavy_tail_dof": _degrees_of_freedom,
-            "jump_s": _duration_or_interval,
+            **dict.fromkeys(("jump_s", "spoof_s"), _duration_or_interval),
+            "spoof_mps2": partial(checks.number, allowed="a number of m/s^2, 0 to 100", least=0.0, most=100.0),
             "velocity": checks.flag,
             **dict.fromkeys(("age_s", "age_jitter_s"), _age),
         }
         _check_fields(self, special)
+        if bool(self.spoof_mps2) != bool(self.spoof_s):
+            raise ValueError(
+                f"GpsSpec.spoof_mps2 = {self.spoof_mps2:g} with spoof_s = {checks.shown(self.spoof_s)}; allowed: both or neither"
+            )
 
     @property
     def vel_std(self) -> Array:
@@ -168,9 +185,10 @@ class GpsSpec:
         return self.age_s + self.age_jitter_s
 
     def told(self, vel_std_mps: float | tuple[float, ...] | None = None) -> GpsSpec:
-        """Return what estimators are told: the same without outages and jumps, which come as surprises."""
+        """Return what estimators are told: the same without outages, jumps and spoofing, which come as surprises."""
         vel = self.vel_std_mps if vel_std_mps is None else vel_std_mps
-        return replace(self, outages_s=(), jump_mps=0.0, jump_s=0.0, vel_std_mps=vel)
+        spared: dict[str, Any] = dict.fromkeys(("jump_mps", "jump_s", "spoof_mps2", "spoof_s"), 0.0)
+        return replace(self, outages_s=(), vel_std_mps=vel, **spared)
 
 
 def _rate(name: str, given: Any) -> float | None:
@@ -189,6 +207,7 @@ class AidSpec:
     name: ClassVar[str]  #: name of the sensor: in the setting ``aids``, and of its reading in an observation
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}  #: fields of named devices
     special: ClassVar[Mapping[str, Check]] = {}  #: checks of fields that are no numbers from 0 on
+    faults: ClassVar[tuple[str, ...]] = ()  #: fields of faults of simulated sensors, of which estimators are not told
 
     rate_hz: float | None = None  #: rate of the readings; None: one at the end of every epoch
     outages_s: tuple[tuple[float, float], ...] = ()  #: intervals (start, end) without readings
@@ -206,8 +225,16 @@ class AidSpec:
         return _resolve(given, cls, {name: cls(**values) for name, values in cls.presets.items()}, cls())
 
     def told(self) -> Self:
-        """Return what estimators are told: the same without outages, which come as surprises."""
-        return replace(self, outages_s=())
+        """Return what estimators are told: the same without outages and faults, which come as surprises."""
+        hidden = ("outages_s", *self.faults)
+        spared: dict[str, Any] = {one.name: one.default for one in fields(self) if one.name in hidden}
+        return replace(self, **spared)
+
+    @property
+    def faulty(self) -> tuple[str, ...]:
+        """Names of the fields of faults that are not as they are without a fault."""
+        at_rest = self.told()
+        return tuple(name for name in self.faults if getattr(self, name) != getattr(at_rest, name))
 
 
 IMU_PRESETS: dict[str, ImuSpec] = {name: ImuSpec(**values) for name, values in presets.IMU.items()}

@@ -63,7 +63,7 @@ class Sensor(ABC, Generic[Spec]):
 
     @abstractmethod
     def measure(self, motion: Motion, first_epoch: int) -> Array:
-        """Return the readings at the ends of all epochs of a chunk, (runs, epochs, size)."""
+        """Return the readings at the ends of all epochs of a chunk, (runs, epochs, size); NaN where a fault leaves none."""
 
     def begin(self, truth: NavState) -> None:
         """Take the true states at t = 0, for sensors that measure over an epoch."""
@@ -75,12 +75,15 @@ class Sensor(ABC, Generic[Spec]):
 
     def readings(self, motion: Motion, first_epoch: int) -> dict[str, NDArray[Any]]:
         """Return the fields of the observations at the ends of the epochs of a chunk, each (runs, epochs, ...)."""
-        runs, epochs = motion.state.vel.shape[:2]
-        there = self.present(first_epoch, epochs)
-        values = np.where(there[:, None], self.measure(motion, first_epoch), 0.0)
+        values = self.measure(motion, first_epoch)
+        there = self.present(first_epoch, values.shape[1])[:, None] & ~np.isnan(values[..., :1])
+        values = np.where(there, values, 0.0)
         clip(self.name, values, self.fields)
-        valid = np.broadcast_to(there[:, None], (runs, epochs, 1)).astype(np.int8)
-        return {self.name: values, f"{self.name}_valid": valid}
+        return {self.name: values, f"{self.name}_valid": there.astype(np.int8)}
+
+    def ends(self, first_epoch: int, epochs: int) -> Array:
+        """Return the times of the ends of the epochs after ``first_epoch``, s, (epochs,)."""
+        return np.arange(first_epoch + 1, first_epoch + epochs + 1, dtype=np.float64) * self.epoch_s
 
     def white(self, std: float, motion: Motion, size: int | None = None) -> Array:
         """Draw white errors (runs, epochs, size)."""

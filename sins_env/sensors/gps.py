@@ -1,4 +1,4 @@
-"""GPS fixes: velocity and position of the antenna plus errors, with outages, outliers and jumps.
+"""GPS fixes: velocity and position of the antenna plus errors, with outages, outliers, jumps and spoofing.
 
 See docs/mathematics/simulation.md#fixes.
 """
@@ -6,7 +6,7 @@ See docs/mathematics/simulation.md#fixes.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -65,12 +65,17 @@ def epochs_per_fix(spec: GpsSpec | AidSpec, epoch_s: float) -> int:
     return round(ratio)
 
 
+def within(intervals: Iterable[tuple[float, float]], t: NDArray[np.floating[Any]]) -> Mask:
+    """Return which of the times ``t`` (...), s, lie in one of the intervals, which are open at their start."""
+    inside = np.zeros(t.shape, dtype=bool)
+    for start, end in intervals:
+        inside |= (t > start) & (t <= end)
+    return inside
+
+
 def received(spec: GpsSpec | AidSpec, t: NDArray[np.floating[Any]]) -> Mask:
-    """Return which of the times ``t`` (...), s, lie outside the outages. An outage is open at its start."""
-    there = np.ones(t.shape, dtype=bool)
-    for start, end in spec.outages_s:
-        there &= ~((t > start) & (t <= end))
-    return there
+    """Return which of the times ``t`` (...), s, lie outside the outages."""
+    return ~within(spec.outages_s, t)
 
 
 def zero_velocity_fixes(there: Mask, runs: int, pos: Array) -> Fixes:
@@ -88,6 +93,12 @@ def in_fields(fixes: Fixes) -> dict[str, NDArray[Any]]:
     for name, values in (("gps_vel", vel), ("gps_pos", pos)):
         clip(name, values, FIELDS)
     return {"gps_vel": vel, "gps_pos": pos, "gps_valid": valid}
+
+
+def _horizontal(draws: Array) -> Array:
+    """Return horizontal unit vectors (runs, 3) E, N, U whose directions are ``draws`` (runs,) of a full turn."""
+    direction = 2 * np.pi * draws
+    return np.stack([np.sin(direction), np.cos(direction), 0 * direction], axis=-1)
 
 
 class ZeroVelocity:
@@ -119,17 +130,21 @@ class Gps:
         self._lever = np.asarray(spec.lever_arm_m)
 
     def reset(self, streams: Sequence[Rngs]) -> None:
-        """Begin the runs. ``streams`` holds three generators for each: for noise, for outliers and for jumps."""
-        self._noise, self._outliers, jumps = zip(*streams, strict=True)
-        draws = np.stack([rng.random(2) for rng in jumps])
-        direction = 2 * np.pi * draws[:, 0]
-        self._jump = self.spec.jump_mps * np.stack([np.sin(direction), np.cos(direction), 0 * direction], axis=-1)
-        if isinstance(self.spec.jump_s, tuple):
-            start, end = np.full((2, len(draws)), np.array(self.spec.jump_s)[:, None])
-        else:
-            start = draws[:, 1] * max(self._duration - self.spec.jump_s, 0.0)
-            end = start + self.spec.jump_s
-        self._jump_start, self._jump_end = start, end
+        """Begin the runs. ``streams`` holds three generators for each: for noise, for outliers, and for jumps and spoofing."""
+        self._noise, self._outliers, faults = zip(*streams, strict=True)
+        draws, spec = np.stack([rng.random(4) for rng in faults]), self.spec
+        self._jump = spec.jump_mps * _horizontal(draws[:, 0])
+        self._jump_start, self._jump_end = self._spans(spec.jump_s, draws[:, 1])
+        self._pull = spec.spoof_mps2 * _horizontal(draws[:, 2])
+        self._pull_start, self._pull_end = self._spans(spec.spoof_s, draws[:, 3])
+
+    def _spans(self, given: float | tuple[float, float], draws: Array) -> tuple[Array, Array]:
+        """Return start and end (runs,) of an interval, s, or of a duration that begins at random by ``draws`` in (0, 1)."""
+        if isinstance(given, tuple):
+            start, end = np.full((2, len(draws)), np.array(given)[:, None])
+            return start, end
+        start = draws * max(self._duration - given, 0.0)
+        return start, start + given
 
     def schedule(self, first_epoch: int, epochs: int) -> tuple[Mask, Array]:
         """Return which of the epochs after ``first_epoch`` hold a fix, and its age at their ends, s, (epochs,) each.
@@ -155,6 +170,11 @@ class Gps:
             C_nb = attitude.to_dcm(motion.state.q_nb)
             vel = vel + np.matmul(C_nb, np.cross(motion.rate_eb_b, self._lever)[..., None])[..., 0]
             pos = earth.displace(self._earth, pos, C_nb @ self._lever)
+        if self.spec.spoof_mps2:
+            spoofed = (t > self._pull_start[:, None]) & (t <= self._pull_end[:, None])
+            since = np.where(spoofed, t - self._pull_start[:, None], 0.0)[..., None]
+            pulled = since * self._pull[:, None]
+            vel, pos = vel + pulled, earth.displace(self._earth, pos, 0.5 * since * pulled)
         inside = (t > self._jump_start[:, None]) & (t <= self._jump_end[:, None])
         vel, pos = _fixed(
             vel,

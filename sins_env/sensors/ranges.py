@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
@@ -21,6 +21,7 @@ from sins_env import attitude, checks, earth
 from sins_env.arrays import Array, Rngs
 from sins_env.motion import Motion
 from sins_env.sensors.aids import Sensor
+from sins_env.sensors.gps import within
 from sins_env.sensors.imu import GaussMarkov, standard_normal
 from sins_env.sensors.limits import MAX_TIME, Field
 from sins_env.specs import AidSpec, Check, correlation_time, intervals, lever_arm
@@ -41,6 +42,7 @@ class RangesSpec(AidSpec):
     """
 
     name = "ranges"
+    faults = ("few_s",)
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         # Brown & Hwang's table of clocks: a temperature-compensated crystal. White errors of ranges are optimistic.
         "tcxo": {},
@@ -76,10 +78,6 @@ class RangesSpec(AidSpec):
     few: int = 3  #: number of satellites in them
     lever_arm_m: tuple[float, ...] = (0.0, 0.0, 0.0)  #: vector from the IMU to the antenna, R, F, U
 
-    def told(self) -> RangesSpec:
-        """Return what estimators are told: the same without outages and intervals with few satellites."""
-        return replace(super().told(), few_s=())
-
     @property
     def densities(self) -> tuple[float, float]:
         """Densities of the noise that drives the clock, m^2/s, and its rate, (m/s)^2/s."""
@@ -105,10 +103,8 @@ class RangesSpec(AidSpec):
     def visible(self, t: Array, sine: Array) -> NDArray[np.bool_]:
         """Return which satellites there are, (..., S), at the times ``t`` (...) and sines of elevation (..., S)."""
         there = sine >= math.sin(self.mask_deg * DEG)
-        few = np.zeros(t.shape, dtype=bool)
-        for start, end in self.few_s:
-            few |= (t > start) & (t <= end)
-        return np.asarray(there & ~(few[..., None] & (np.arange(sine.shape[-1]) >= self.few)))
+        few = within(self.few_s, t)[..., None]
+        return np.asarray(there & ~(few & (np.arange(sine.shape[-1]) >= self.few)))
 
 
 class Ranges(Sensor[RangesSpec]):

@@ -39,7 +39,12 @@ def specs_of(given: Any, recording: Recording) -> tuple[AidSpec, ...]:
                 f"aids: no {name} in {recording.name}; there: {there}; allowed: a mapping with aids.{name}"
             )
     left = {name: told.get(name, {}) for name in recording.aids if told.get(name) != OFF}
-    return aids.specs(left)
+    found = aids.specs(left)
+    for spec in found:
+        for field in spec.faulty:
+            name, value = f"aids.{spec.name}.{field}", checks.shown(getattr(spec, field))
+            raise ValueError(f"{name} = {value} in a replay; allowed: in a simulation only, the readings are real")
+    return found
 
 
 class RecordedAid:

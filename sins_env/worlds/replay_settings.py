@@ -194,10 +194,9 @@ class ReplaySettings:
             else:
                 told = in_own_units(settings, asdict(base), "GpsSpec").values
             spec = gps_spec(settings, base)
-        if spec.jump_mps:
-            raise ValueError(
-                f"jump_mps = {spec.jump_mps:g} in a replay; allowed: in a simulation only, the fixes are real"
-            )
+        for name in ("jump_mps", "spoof_mps2"):
+            if value := getattr(spec, name):
+                raise ValueError(f"{name} = {value:g} in a replay; allowed: in a simulation only, the fixes are real")
         if gnss is not None and not math.isclose(spec.rate_hz, base.rate_hz):
             raise ValueError(f"GpsSpec.rate_hz = {spec.rate_hz:g}; allowed: {base.rate_hz:g}, the recording's own")
         return spec, told

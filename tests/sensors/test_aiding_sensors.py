@@ -135,6 +135,56 @@ def test_rates_outages_and_rows():
         np.testing.assert_array_equal(value, obs[name][0, 2])
 
 
+def difference(name, fault, plain, **more):
+    """Readings of a sensor with a fault, those without it, and the task; what is not the sensor's has the same bits."""
+    (obs, truth, env), (before, *_) = (play({name: {**plain, **given}}, **more) for given in (fault, {}))
+    for field in set(obs) - {name, f"{name}_valid"}:
+        np.testing.assert_array_equal(obs[field], before[field])
+    (told,), (without,) = env.unwrapped.task.aids, specs({name: {}})
+    assert [getattr(told, field) for field in told.faults] == [getattr(without, field) for field in told.faults]
+    return obs, before, truth
+
+
+def test_a_wheel_that_slips_rolls_more_than_the_way():
+    """By the stated share in an interval, and by one of the acceleration; a speed is differenced from true states."""
+    plain = {"noise_mps": 0.0}
+    obs, before, _ = difference("odometer", {"slip": -0.25, "slip_s": [[0.5, 1.0]]}, plain)
+    share = np.where((np.arange(1, 21) > 5) & (np.arange(1, 21) <= 10), 0.75, 1.0)
+    np.testing.assert_allclose(obs["odometer"] / before["odometer"], np.broadcast_to(share[:, None, None], (20, 3, 1)))
+    rates = {"profile": {**TURNS, "segments": [[1, 2], [1, -3]]}}
+    obs, before, truth = difference("odometer", {"slip_per_mps2": 0.01}, plain, **rates)
+    speed = np.linalg.norm(truth["vel"], axis=-1)
+    gained = np.diff(speed, axis=0)[..., None] / 0.1
+    assert gained.min() < -2.5
+    np.testing.assert_allclose(obs["odometer"] / before["odometer"] - 1.0, 0.01 * gained, atol=1e-5)
+
+
+def test_a_log_without_lock_on_the_bottom():
+    """Stated intervals have nothing, or the velocity through the water; drawn ones have the told means."""
+    lost = {"lock_lost_s": [[0.5, 1.0]]}
+    there = ~((np.arange(1, 21) > 5) & (np.arange(1, 21) <= 10))
+    obs, before, _ = difference("dvl", lost, {})
+    np.testing.assert_array_equal(obs["dvl_valid"], np.broadcast_to(there[:, None, None], (20, 3, 1)))
+    np.testing.assert_array_equal(obs["dvl"], before["dvl"] * obs["dvl_valid"])
+    quiet = {"noise_mps": 0.0, "scale_ppm": 0.0, "mounting_mrad": 0.0}
+    water = {**lost, "without_lock": "water", "current_mps": 0.5, "current_s": 1e9}
+    obs, before, truth = difference("dvl", water, quiet, runs=200, n_sub=1)
+    np.testing.assert_array_equal(obs["dvl_valid"], 1)
+    np.testing.assert_array_equal(obs["dvl"][there], before["dvl"][there])
+    flow = np.einsum("...ij,...j", attitude.to_dcm(truth["q_nb"][1:]), before["dvl"] - obs["dvl"])[~there]
+    np.testing.assert_allclose(flow, np.broadcast_to(flow[0], flow.shape), atol=1e-4)  # one current in each run
+    np.testing.assert_allclose(flow[..., 2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(flow[0, :, :2].std(), 0.5, rtol=4 / np.sqrt(2 * 400))
+    drawn = {"lock_lost_s": 0.5, "lock_held_s": 1.0}
+    gone = difference("dvl", drawn, {}, epochs=100, runs=100, n_sub=1, duration=10.0)[0]["dvl_valid"][..., 0] == 0
+    regained = ((~gone[1:]) & gone[:-1]).sum() / gone[:-1].sum()  # shares of epochs, of independent draws
+    fell = (gone[1:] & ~gone[:-1]).sum() / (~gone[:-1]).sum()
+    for found, mean, tries in ((regained, 0.5, gone[:-1].sum()), (fell, 1.0, (~gone[:-1]).sum())):
+        p = 1.0 - np.exp(-0.1 / mean)
+        assert abs(found - p) < 4 * np.sqrt(p * (1 - p) / tries)
+    assert len({tuple(run) for run in gone.T}) > 90
+
+
 @pytest.mark.filterwarnings("ignore:.*symmetric and normalized space.*:UserWarning")
 def test_check_env():
     for env in (gymnasium.make("SINS/AlignSway-v0", duration=2.0, aids=ALL), gymnasium.make(aids=ALL, **FLIGHT)):
@@ -150,6 +200,9 @@ def test_check_env():
         ({"dvl": {"rate_hz": 3.0}}, "dvl rate 3 Hz with epochs of 0.1 s"),
         ({"heading": {"baseline_m": [0, 0, 0]}}, "a vector of at least 0.01 m"),
         ("dvl", "aids = 'dvl'; allowed: a dict"),
+        ({"dvl": {"track": "water", "lock_lost_s": 5}}, 'lock_lost_s = 5.0 with track = "water"; allowed: with track'),
+        ({"dvl": {"lock_lost_s": [[2, 1]]}}, r"lock_lost_s = \[\[2, 1\]\]: interval"),
+        ({"odometer": {"slip": -2, "slip_s": [[1, 2]]}}, "slip = -2; allowed: a share of the way, -1 to 10"),
     ],
 )
 def test_what_is_refused(aids, said):

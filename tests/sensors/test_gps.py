@@ -148,6 +148,32 @@ def test_jump_of_stated_length_begins_at_random():
     assert stats.kstest(first / 80, "uniform").pvalue > 0.001
 
 
+def test_a_spoofer_pulls_velocity_and_position_off_together():
+    """By a tau and a tau^2 / 2 in one direction of a run, in its interval; nothing else changes a bit."""
+    noise = {"heavy_tail_dof": 5.0, "jump_mps": 1.0, "jump_s": 2.0}
+    plain = fixes(GpsSpec(**noise), 200, 60)
+    pulled = fixes(GpsSpec(**noise, spoof_mps2=0.5, spoof_s=(1.0, 4.0)), 200, 60)
+    turn, start = np.stack([one[2].random(2) for one in streams(200)]).T  # the draws of a jump come first
+    t = EPOCH * np.arange(1, 61)
+    jump = np.sin(2 * np.pi * turn)[:, None] * ((t > 4 * start[:, None]) & (t <= 4 * start[:, None] + 2.0))
+    assert_allclose(plain[0][..., 0], fixes(GpsSpec(heavy_tail_dof=5.0), 200, 60)[0][..., 0] + jump, atol=1e-12)
+    tau = np.clip(EPOCH * np.arange(1, 61) - 1.0, 0.0, None) * (np.arange(1, 61) <= 40)
+    for now, before in zip(pulled, plain, strict=True):
+        assert_array_equal(now[:, tau == 0], before[:, tau == 0])
+    vel, way = pulled[0] - plain[0], metres(pulled[1]) - metres(plain[1])
+    assert_allclose(np.linalg.norm(vel, axis=-1), np.broadcast_to(0.5 * tau, (200, 60)), atol=1e-12)
+    assert_allclose(way, 0.5 * tau[:, None] * vel, atol=1e-3)  # fixes 10 m from the site have other radii
+    angle = np.arctan2(vel[:, 35, 0], vel[:, 35, 1]) / (2 * np.pi) % 1
+    assert stats.kstest(angle, "uniform").pvalue > 0.01
+    drawn = fixes(GpsSpec(vel_std_mps=0.0, spoof_mps2=1.0, spoof_s=2.0), 300, 100)[0].any(axis=-1)
+    assert set(drawn.sum(axis=1)) <= {19, 20}  # the first epoch may begin with the pull
+    assert stats.kstest(drawn.argmax(axis=1) / 80, "uniform").pvalue > 0.001
+    told = GpsSpec(spoof_mps2=0.5, spoof_s=5.0).told()
+    assert (told.spoof_mps2, told.spoof_s) == (0.0, 0.0)
+    with pytest.raises(ValueError, match=r"spoof_mps2 = 0\.5 with spoof_s = 0\.0; allowed: both or neither"):
+        GpsSpec(spoof_mps2=0.5)
+
+
 def test_lever_arm_against_differences_of_the_antenna_position():
     lever = np.array([0.5, -1.0, 2.0])
     step = 0.01
@@ -198,6 +224,8 @@ def test_lever_arm_against_differences_of_the_antenna_position():
         ("jump_s", [5]),
         ("jump_s", [5, 6, 7]),
         ("jump_s", "5"),
+        ("spoof_mps2", -0.1),
+        ("spoof_s", (5.0, 4.0)),
     ],
 )
 def test_bad_specs_name_the_field_the_value_and_what_is_allowed(field, value):

@@ -169,6 +169,8 @@ def test_wrong_settings():
     one = replace(made.recording(), aids={"odometer": Readings(1000.0 + np.arange(9), np.zeros((9, 1)))})
     with pytest.raises(ValueError, match="no dvl in made; there: odometer"):
         make(one, aids={"dvl": {}})
+    with pytest.raises(ValueError, match=r"aids\.odometer\.slip_s = .* in a replay; allowed: in a simulation only"):
+        make(one, aids={"odometer": {"slip_s": [[1, 2]]}})
     with pytest.raises(ValueError, match="a dict with a preset"):
         make(one, aids=OdometerSpec())
     assert recordings.left_out(one, "kfgins") == ["displacements", "aids"][1:]

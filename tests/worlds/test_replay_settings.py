@@ -175,6 +175,7 @@ def test_dates_need_a_recording_with_dates(parked):
         ({"imu": "rlg-kar"}, "did you mean 'rlg-car'"),
         ({"gps": {"vel_std": 0.1}}, "unknown setting of GpsSpec 'vel_std'; did you mean"),
         ({"gps": {"jump_mps": 1.0}}, "jump_mps = 1 in a replay; allowed: in a simulation only"),
+        ({"gps": {"spoof_mps2": 0.1, "spoof_s": 5.0}}, "spoof_mps2 = 0.1 in a replay; allowed: in a simulation only"),
         ({"gps": {"outages_s": [[2, 1]]}}, "outages_s"),
         ({"gps": {"rate_hz": 3.0}}, "fixes must fall on the ends of epochs"),
         ({"n_sub": 30}, "n_sub = 30; allowed: 10 for epochs of 0.1 s at 100 Hz"),

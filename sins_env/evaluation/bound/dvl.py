@@ -17,6 +17,10 @@ class DvlTerm(Term):
 
     name = "dvl"
 
+    @property
+    def holds(self) -> bool:  # type: ignore[override]
+        return not self.spec.faulty  # readings without lock on the bottom count as readings
+
     def states(self) -> list[Own]:
         spec = self.spec
         own = [

@@ -18,7 +18,7 @@ LEAST_SCALE = 1e-12  #: least factor of the variance of contaminated fixes, for 
 def fix_noise(gps: GpsSpec) -> Array:
     """Return R (6, 6) of a Gaussian fix with the same information on velocity (m/s) and position (m).
 
-    A jump counts as known; an estimator that has to find it does worse.
+    Jumps and spoofing count as known; an estimator that has to find them does worse.
     """
     std = np.maximum([*gps.vel_std, *gps.pos_std], LEAST_STD)
     return np.diag(std**2) / fisher_factor(gps, FIX_DIMENSION if gps.velocity else FIX_DIMENSION // 2)

@@ -26,7 +26,7 @@ class OdometerTerm(Term):
 
     @property
     def holds(self) -> bool:  # type: ignore[override]
-        return not (self.spec.nhc or self.spec.pulse_m)
+        return not (self.spec.nhc or self.spec.pulse_m or self.spec.faulty)
 
     def states(self) -> list[Own]:
         return [

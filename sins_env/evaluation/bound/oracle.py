@@ -38,7 +38,8 @@ from sins_env.worlds.simulated import SimulatedWorld
 
 #: Errors of the IMU that the bound counts as known.
 KNOWN_IMU = dict.fromkeys(("scale_ppm", "misalignment_arcsec", "gyro_lsb_arcsec", "accel_lsb_mps"), 0.0)
-KNOWN_GPS = {"jump_mps": 0.0, "jump_s": 0.0}  #: errors of the fixes that the bound counts as known
+#: Errors of the fixes that the bound counts as known.
+KNOWN_GPS = dict.fromkeys(("jump_mps", "jump_s", "spoof_mps2", "spoof_s"), 0.0)
 HEADING = SCORED["euler"].start  #: index of the heading error among the components
 SOLVER = __name__  #: name of its runs in a results file; no solver can have it, for an entry point has no dots
 SEED = 20110607  #: seed of the starts and biases that take the place of scripted ones
