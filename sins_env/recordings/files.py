@@ -107,7 +107,9 @@ def format_of(path: Path, writes: bool = False) -> str:
         ValueError: an ending of no format, or a file that none of several formats recognises, or more than one.
     """
     ending = unpacked_name(path).suffix
-    alike = [format for format in _with_ending(path) if format.save or not writes]
+    alike = _with_ending(path)
+    if writes and any(format.save for format in alike):
+        alike = [format for format in alike if format.save]
     found = [format for format in alike if len(alike) == 1 or (path.is_file() and format.recognises(path))]
     found = found or [format for format in alike if format.save]
     if len(found) == 1:

@@ -59,8 +59,8 @@ def _rewound(
     gravity: Array,
     q: Array, speed: Array, back: Array, rate: Array, gained: Array, moment: Array, mean_C: Array,
 ) -> None:  # fmt: skip
-    if age != age:
-        age = 0.0
+    if age != age or h != h:
+        age, h = 0.0, 1.0
     samples, at, v = len(dtheta), quaternion(q_nb), vector(vel)
     w_ie, T, g = vector(rate_ie), matrix(transport), vector(gravity)
     F, G, place = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

@@ -94,7 +94,8 @@ def test_list_of_a_kind(cli, monkeypatch, kind, name, what, columns):
     monkeypatch.setenv("COLUMNS", columns)
     code, out, err = cli("list", kind)
     assert (code, err) == (0, [])
-    (row,) = [line for line in out.splitlines() if line.split()[:1] == [name]]
+    row, *again = [line for line in out.splitlines() if line.split()[:1] == [name]]
+    assert columns == "60" or not again  # a wide table stands in pieces
     assert columns == "60" or what in row
     first = [line.split()[0] for line in out.splitlines() if line.split()]
     assert set(listing.KINDS[kind].names()) <= set(first)
@@ -105,8 +106,8 @@ def test_list_of_a_kind(cli, monkeypatch, kind, name, what, columns):
     [
         ("sway-white-v0", "0.7 deg"),
         ("SINS/AlignSway-v0", "misalignment_deg"),
-        ("SINS/AlignSway-v0", "gps_valid   (1,)"),
-        ("SINS/NavFlight-v0", "action      (10,)"),
+        ("SINS/AlignSway-v0", "gps_valid (1,)"),
+        ("SINS/NavFlight-v0", "action (10,)"),
         ("SINS/Replay-v0", "recording"),
         ("SINS/NavFlight-v0", "velocity_std_mps"),
         ("lu-mixture", "contamination 0.2"),
@@ -124,7 +125,7 @@ def test_list_of_a_kind(cli, monkeypatch, kind, name, what, columns):
 def test_describe(cli, name, part):
     code, out, err = cli("describe", name)
     assert (code, err) == (0, [])
-    assert part in out
+    assert part in " ".join(out.split())
 
 
 def test_describe_names_all_that_an_observation_holds():
