@@ -140,8 +140,6 @@ def assemble(
     end = t0 + len(dtheta) / rate
     if gnss is not None:
         check_overlap(path, "fixes", gnss.t_s, t0, end)
-        if mapping.velocity_from_positions and gnss.vel is None:
-            gnss = with_velocities(gnss)
     if reference is not None:
         check_overlap(path, "the reference", reference.t_s, t0, end)
     if mapping.site is not None:

@@ -56,6 +56,7 @@ _BRACKETS = re.compile(r"[\[({]([^\])}]+)[\])}]\s*$")
 _WORDS = {word: unit for unit, words in _WRITTEN.items() for word in words}
 
 FORCE_RANGE = (5.0, 20.0)  #: range of the median over seconds of specific force, m/s^2
+FREE_MOST = 3.0  #: m/s^2, specific force below which gravity was taken out
 MOST_RATE = 2.0 * math.pi  #: limit of the median over seconds of angular rate, rad/s
 MOST_ANGLE = math.pi  #: limit of the angle in one sample, rad
 
@@ -129,4 +130,7 @@ def _guess(ratio: float, rate_hz: float) -> str:
     if ratio <= 0:
         return " Nothing but zeros?"
     near = min(mistakes, key=lambda name: abs(math.log(ratio / mistakes[name])))
-    return f" Looks like {near}" if abs(math.log(ratio / mistakes[near])) < 0.2 else " Wrong unit, or wrong columns?"
+    if abs(math.log(ratio / mistakes[near])) < 0.2:
+        return f" Looks like {near}"
+    free = ", acceleration without gravity (free or linear acceleration)" if ratio * G0 < FREE_MOST else ""
+    return f" Wrong unit{free}, or wrong columns?"

@@ -258,7 +258,8 @@ class Part:
             value: float = column_units.TIME[given]
             return value
         if isinstance(given, str):
-            raise ValueError(f"{self.path}: {unknown('unit of time', given, (*column_units.TIME, DATES))}")
+            told = unknown("unit of time", given, (*column_units.TIME, DATES))
+            raise ValueError(f"{self.path}: {told}, or its seconds as a number, such as 1e-4 for 0.1 ms")
         return checks.number(
             "unit of time", given, f"{', '.join(column_units.TIME)}, or its seconds, such as 1e-4", above=0.0
         )

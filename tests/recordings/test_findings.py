@@ -9,7 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from sins_env import earth
 from sins_env.recordings import REFUSING, Gnss, Recording, Reference, findings, load, save, summarise
+from sins_env.recordings.assembling import with_velocities
 from sins_env.recordings.findings.fixes import is_held
+from sins_env.recordings.findings.mending import with_mended_fixes
+from sins_env.recordings.mapping import Mapping
 from sins_env.types import Site
 
 RATE, T0 = 100.0, 1000.0
@@ -153,6 +156,9 @@ def test_fixes_that_are_none_or_repeat(tmp_path):
     mended = load(tmp_path / "held.npz", drop_held_fixes=True)
     assert_allclose(mended.gnss.t_s, one.gnss.t_s)  # also while it stands: once for each interval of the receiver
     assert not is_held(one.gnss).any()
+    places = fixes(held, vel=None)  # velocities from positions are those of the fixes that stay
+    mended = with_mended_fixes(places, Mapping(drop_held_fixes=True, velocity_from_positions=True)).gnss
+    assert_allclose(mended.vel, with_velocities(fixes(one, vel=None).gnss).vel)
 
     save(fixes(one, t_s=one.gnss.t_s - 18.0), tmp_path / "late.npz")
     with pytest.raises(ValueError, match=r'"fix_shift_s": 18.00'):

@@ -46,6 +46,7 @@ _WANDER = (
     "neighbouring innovations are alike: errors of the fixes wander, as receivers' do, a clock offset, a wrong lever arm, or "
     "gyros worse than told; the sigmas are too small"
 )
+_FOLLOWS = "neighbouring innovations are alike, as they are when fixes are told noisier than they are: tell better ones (--gps)"
 
 
 class Warning(NamedTuple):
@@ -128,7 +129,8 @@ def judge(one: Replay, window: int = 0) -> Consistency:
                 means[name].begin[means[name].outside], means[name].end[means[name].outside], strict=True
             ):
                 inside &= ~((one.t > begin - 1e-9) & (one.t <= end + 1e-9))
-        found = _correlation_warning(name, t, white, correlation, start)
+        quiet = bool((means[name].value < means[name].low).any())
+        found = _correlation_warning(name, t, white, correlation, start, _FOLLOWS if quiet else _WANDER)
         if found is not None and not one.zero_velocity:  # how a base sways is not white
             warnings.append(found)
             inside &= one.t < t[0]
@@ -214,7 +216,9 @@ def _nis_warning(name: str, means: Means, start: float) -> Warning | None:
     return Warning(f"nis_{name}", float(means.value[worst]), limit, span, f"{count}{_HIGH if high else _LOW}")
 
 
-def _correlation_warning(name: str, t: Array, white: Array, told: dict[str, float], start: float) -> Warning | None:
+def _correlation_warning(
+    name: str, t: Array, white: Array, told: dict[str, float], start: float, text: str
+) -> Warning | None:
     """Note the correlation of neighbouring innovations, and return the warning if it is too large."""
     there = np.asarray(np.isfinite(white).all(axis=-1))
     pair = there[1:] & there[:-1]
@@ -227,7 +231,7 @@ def _correlation_warning(name: str, t: Array, white: Array, told: dict[str, floa
     limit = max(CORRELATION_SIGMAS / math.sqrt(count), LEAST_CORRELATION)
     if value <= limit:
         return None
-    return Warning(f"whiteness_{name}", value, limit, (start + float(t[0]), start + float(t[-1])), _WANDER)
+    return Warning(f"whiteness_{name}", value, limit, (start + float(t[0]), start + float(t[-1])), text)
 
 
 def _withheld(one: Replay, window: int) -> Iterator[tuple[Warning | None, tuple[float, float], tuple[float, float]]]:

@@ -1,4 +1,4 @@
-"""The fixes of a recording without those that its mapping leaves out, on the clock that it names."""
+"""The fixes of a recording without those that its mapping leaves out, on the clock that it names, with velocities."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sins_env.arrays import Mask
-from sins_env.recordings.assembling import site
+from sins_env.recordings.assembling import site, with_velocities
 from sins_env.recordings.findings.fixes import is_held, is_null
 from sins_env.recordings.mapping import Mapping
 from sins_env.recordings.recording import Gnss, Recording
@@ -16,10 +16,11 @@ from sins_env.recordings.recording import Gnss, Recording
 def with_mended_fixes(recording: Recording, mapping: Mapping) -> Recording:
     """Return the recording with its fixes as ``drop_null_fixes``, ``drop_held_fixes`` and ``fix_shift_s`` want them.
 
-    A site that was that of a fix which is left out becomes that of the first fix that stays.
+    A site that was that of a fix which is left out becomes that of the first fix that stays. With
+    ``velocity_from_positions`` the fixes that stay get velocities, unless they have some.
 
     Raises:
-        ValueError: no fix is left.
+        ValueError: no fix is left, or no two in a row for velocities.
     """
     gnss = recording.gnss
     if gnss is None:
@@ -34,6 +35,8 @@ def with_mended_fixes(recording: Recording, mapping: Mapping) -> Recording:
     place = recording.site
     if np.array_equal([place.latitude, place.longitude], first[:2]) and not np.array_equal(gnss.pos[0], first):
         place = site(gnss.pos[0], place.earth)
+    if mapping.velocity_from_positions and gnss.vel is None:
+        gnss = with_velocities(gnss)
     return replace(recording, gnss=gnss._replace(t_s=gnss.t_s + mapping.fix_shift_s), site=place)
 
 

@@ -217,6 +217,7 @@ def test_sigmas_of_angles_are_those_of_small_turns():
         ({"scale": 2.0}, ["nis_velocity", "nis_position"]),
         ({"scale": 0.3}, ["nis_velocity", "nis_position"]),
         ({"memory": 0.8}, ["whiteness_velocity", "whiteness_position"]),
+        ({"memory": 0.8, "scale": 0.3}, ["nis_velocity", "whiteness_velocity", "nis_position", "whiteness_position"]),
         ({"drift": 1.0}, ["withheld_fixes"]),
     ],
 )
@@ -226,6 +227,8 @@ def test_what_leaves_its_band_is_told(settings, names):
     assert [w.name for w in found.warnings if not w.name.startswith("nis") or "scale" in settings] == names
     assert all((w.value > w.limit) != ("smaller than told" in w.text) for w in found.warnings)
     assert found.consistent == (not names)
+    too_small = "scale" not in settings  # what the warnings say of the sigmas must not contradict each other
+    assert all(("too small" in w.text) == too_small for w in found.warnings if w.name.startswith("whiteness"))
     if "drift" in settings:  # 10 to 20 m at a sigma of 3.0 and 10 m of the fixes
         assert_allclose(found.withheld[0], [0.0, math.sqrt(np.mean(np.arange(11.0, 21.0) ** 2))], atol=0.02)
         assert_allclose(found.warnings[0].span_s, [T0 + 41, T0 + 50])

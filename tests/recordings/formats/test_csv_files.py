@@ -227,6 +227,7 @@ def test_malformed(tmp_path, change, message):
         ("m/s2", 0.098, r"increments \(m/s\) given as rates"),
         ("m/s2", 1000.0, r"mg given as m/s\^2"),
         ("g", 3.0, "Wrong unit, or wrong columns"),
+        ("m/s2", 0.002, "acceleration without gravity"),
         ("g", 0.0, "Nothing but zeros"),
     ],
 )

@@ -164,7 +164,7 @@ def replaced(number, new, **more):
         (text(), {"skip_lines": -1}, "skip_lines = -1"),
         (text(), {"decimal": ";"}, "unknown decimal mark ';'"),
         (text(), {"decimal": ",", "delimiter": ","}, 'delimiter and decimal are both ","'),
-        (text(), {"time": {"column": "t", "unit": "days"}}, "unknown unit of time 'days'"),
+        (text(), {"time": {"column": "t", "unit": "days"}}, "unknown unit of time .days..*seconds as a number"),
         (text(), {"time": {"column": "t", "scale": "TAI"}}, "unknown scale of time 'TAI'"),
         (text(), {"gyro": {**MAP["gyro"], "scale": [1, 2]}}, "scale of gyro = .1, 2.; allowed: a number, or 3 of them"),
     ],
