@@ -168,7 +168,8 @@ def test_intervals_of_the_score_cover() -> None:
     for errors, factor in ((x, 1.0), (lost, 1000.0)):
         law = np.minimum(np.abs(size), 3.18) ** 2
         true = math.sqrt(law.mean() if factor == 1.0 else 0.97 * law.mean() + 0.03 * 3.18**2)
-        found = [losses.score(losses.capped(one, 3.18))[1] for one in errors]
+        columns = np.stack([losses.capped(one, 3.18) for one in errors], axis=1)
+        found = [one.interval() for one in losses.scores(columns)]  # all with the same resamples
         misses = np.mean([not low <= true <= high for low, high in found])
         assert misses == pytest.approx(0.052, abs=3 * math.sqrt(0.052 * 0.948 / 400))
 
