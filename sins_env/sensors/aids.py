@@ -39,6 +39,7 @@ class Sensor(ABC, Generic[Spec]):
     size: ClassVar[int]  #: numbers of a reading
     limit: ClassVar[float]  #: largest absolute value of them
     what: ClassVar[str]  #: unit and meaning
+    slip_angle = 0.0  #: rad for each m/s^2 to the right, by which the vehicle's nose points inwards of its velocity
 
     def __init__(self, spec: Spec, site: Site, epoch_s: float) -> None:
         self.spec, self.epoch_s, self.earth = spec, epoch_s, earth.get(site.earth)

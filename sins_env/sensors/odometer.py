@@ -37,10 +37,11 @@ class OdometerSpec(AidSpec):
 
     A wheel that slips rolls 1 + s times the way. In the intervals ``slip_s`` s is ``slip``: above 0 where it spins, -1 where it
     is locked. A driven wheel adds ``slip_per_mps2`` times the acceleration forwards, and brakes with less than the way.
+    Tyres need a slip angle for the force of a turn, ``slip_mrad_per_mps2`` times the acceleration to the side: 2 to 4 on roads.
     """
 
     name = "odometer"
-    faults = ("slip", "slip_s", "slip_per_mps2")
+    faults = ("slip", "slip_s", "slip_per_mps2", "slip_mrad_per_mps2")
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "calibrated": {"scale_ppm": 1000.0},
         # 48 pulses of an anti-lock brake sensor to a turn of 1.95 m
@@ -51,6 +52,9 @@ class OdometerSpec(AidSpec):
         "nhc": checks.flag,
         "slip": partial(checks.number, allowed="a share of the way, -1 to 10", least=-1.0, most=10.0),
         "slip_s": intervals,
+        "slip_mrad_per_mps2": partial(
+            checks.number, allowed="an angle in mrad per m/s^2, 0 to 100", least=0.0, most=100.0
+        ),
         "slip_per_mps2": partial(checks.number, allowed="a share of the way per m/s^2, 0 to 1", least=0.0, most=1.0),
         **dict.fromkeys(("lateral_mps", "vertical_mps"), partial(checks.number, least=1e-6, most=1e3)),
     }
@@ -70,6 +74,7 @@ class OdometerSpec(AidSpec):
     slip: float = 0.1  #: share by which the wheel rolls more than the way in the intervals ``slip_s``
     slip_s: tuple[tuple[float, float], ...] = ()  #: intervals (start, end) in which it does
     slip_per_mps2: float = 0.0  #: the same share for each m/s^2 of acceleration forwards, at all times
+    slip_mrad_per_mps2: float = 0.0  #: slip angle of the car sideways for each m/s^2 of acceleration to the side
 
 
 class Odometer(Sensor[OdometerSpec]):
@@ -88,6 +93,10 @@ class Odometer(Sensor[OdometerSpec]):
         self._phase = np.array([rng.random() for rng in rngs])  # of a pulse
         self._rolled = np.zeros(len(unit))
         self._rate_ie = earth.rate_n(self.earth, self.site.latitude)
+
+    @property
+    def slip_angle(self) -> float:  # type: ignore[override]
+        return 1e-3 * self.spec.slip_mrad_per_mps2
 
     def begin(self, truth: NavState) -> None:
         self._before = (attitude.to_dcm(truth.q_nb).mT @ truth.vel[..., None])[..., 0]

@@ -15,7 +15,7 @@ from sins_env.sensors.aids import sensor_of, stream
 from sins_env.sensors.gps import AGE, FIELDS, Gps, ZeroVelocity, in_fields
 from sins_env.sensors.imu import Imu, standard_normal
 from sins_env.trajectory import Trajectory
-from sins_env.trajectory.mounted import Mounted
+from sins_env.trajectory.mounted import Mounted, Slipping
 from sins_env.types import NavState
 from sins_env.worlds.settings import SimulationSettings
 from sins_env.worlds.world import ChunkedWorld, pick_rows, picked, told_start
@@ -64,12 +64,15 @@ class SimulatedWorld(ChunkedWorld):
 
     def _mounted(self, truth: NavState) -> NavState:
         """Turn the IMU in its vehicle as the aids have drawn it, and return the true states of the IMU at t = 0."""
-        inner = getattr(self.trajectory, "inner", self.trajectory)
-        turns = [aid.mounting for aid in self.aids.values() if aid.mounting is not None]
-        self.trajectory = inner
-        for mounting in turns:
-            self.trajectory = mounted = Mounted(inner, mounting)
-            truth = mounted.state(truth)
+        while (inner := getattr(self.trajectory, "inner", None)) is not None:
+            self.trajectory = inner
+        for aid in self.aids.values():
+            if aid.slip_angle:
+                self.trajectory = slipping = Slipping(self.trajectory, aid.slip_angle, self.task.epoch_s)
+                truth = slipping.state(truth)
+            if aid.mounting is not None:
+                self.trajectory = mounted = Mounted(self.trajectory, aid.mounting)
+                truth = mounted.state(truth)
         return truth
 
     @abstractmethod

@@ -159,6 +159,48 @@ def test_a_wheel_that_slips_rolls_more_than_the_way():
     np.testing.assert_allclose(obs["odometer"] / before["odometer"] - 1.0, 0.01 * gained, atol=1e-5)
 
 
+def test_tyres_slip_sideways_by_the_acceleration_of_a_turn():
+    """The velocity across is -kappa a_right v, the increments lead to the true attitude, and the path is as without slip."""
+    settings = {"noise_mps": 0.0, "scale_ppm": 0.0, "mounting_mrad": 0.0}
+    more = {"epochs": 60, "runs": 1, "imu": "perfect", "n_sub": 10}
+    slips = {"odometer": {**settings, "slip_mrad_per_mps2": 30.0}}
+    fixes = {"vel_std_mps": 0.0, "pos_std_m": 0.0, "rate_hz": 10.0, "age_s": 0.05}
+    obs, truth, env = play(slips, gps={**fixes, "lever_arm_m": [0.0, 200.0, 0.0]}, **more)
+    plain, before, _ = play({}, gps=fixes, **more)
+    for name in ("vel", "pos"):
+        np.testing.assert_array_equal(truth[name], before[name])
+    C, vel = attitude.to_dcm(truth["q_nb"][:, 0]), truth["vel"][:, 0]
+    y = np.einsum("...ji,...j", C, vel)
+    course = np.unwrap(np.arctan2(vel[:, 0], vel[:, 1]))  # to the right
+    to_right = 0.5 * np.linalg.norm(vel, axis=-1)[1:-1] * (course[2:] - course[:-2]) / 0.1
+    assert np.abs(to_right).max() > 2.0
+    steady = np.abs(to_right[:-1] - to_right[1:]) < 0.02  # the rates of this flight jump
+    np.testing.assert_allclose(y[1:-1, 0] / y[1:-1, 1], -np.tan(0.03 * to_right), atol=6e-3)
+    np.testing.assert_allclose((y[1:-1, 0] / y[1:-1, 1])[1:][steady], -np.tan(0.03 * to_right)[1:][steady], atol=5e-4)
+    middle = 0.5 * (y[1:, 1] + y[:-1, 1])
+    np.testing.assert_allclose(obs["odometer"][:, 0, 0] / 0.1, middle, atol=1e-9)
+    ie = earth.rate_n(earth.get("wgs84"), env.unwrapped.task.site.latitude)
+    turn = lambda rotvec: attitude.to_dcm(attitude.from_rotvec(rotvec))  # noqa: E731
+    R_M, R_N = earth.radii(earth.get("wgs84"), np.radians(34.0))
+    per_rad, at_fix = [R_M + 50.0, (R_N + 50.0) * np.cos(np.radians(34.0)), 1.0], C[0]
+    for k in range(60):
+        pushed = []
+        for seen, true in ((plain, before), (obs, truth)):
+            made, push = attitude.to_dcm(true["q_nb"][k, 0]), np.zeros(3)
+            for i, (step, gain) in enumerate(zip(seen["dtheta"][k, 0], seen["dvel"][k, 0], strict=True)):
+                at_fix = made if i == 5 else at_fix  # fixes are made in the middle of an epoch
+                push += made @ turn(0.5 * step) @ gain
+                made = made @ turn(step - 0.01 * C[k].T @ ie)
+            np.testing.assert_allclose(made, attitude.to_dcm(true["q_nb"][k + 1, 0]), atol=1e-5)
+            pushed.append(push)
+        np.testing.assert_allclose(*pushed, atol=2e-5)
+        metres = per_rad * (obs["gps_pos"][k, 0] - plain["gps_pos"][k, 0])
+        np.testing.assert_allclose(metres[[1, 0, 2]], at_fix @ [0.0, 200.0, 0.0], atol=0.1)
+        rate = obs["dtheta"][k, 0, 4:6].mean(axis=0) / 0.01 - at_fix.T @ ie
+        spun = at_fix @ np.cross(rate, [0.0, 200.0, 0.0])
+        np.testing.assert_allclose(obs["gps_vel"][k, 0] - plain["gps_vel"][k, 0], spun, atol=0.3)
+
+
 def test_a_log_without_lock_on_the_bottom():
     """Stated intervals have nothing, or the velocity through the water; drawn ones have the told means."""
     lost = {"lock_lost_s": [[0.5, 1.0]]}
