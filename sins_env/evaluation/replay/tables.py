@@ -10,6 +10,7 @@ from rich.table import Table
 
 from sins_env.arrays import Array
 from sins_env.evaluation.replay.replaying import ANGLES, Replay, mean_angle
+from sins_env.evaluation.replay.track import Track
 from sins_env.evaluation.show.style import titled
 from sins_env.recordings import seconds
 
@@ -62,6 +63,15 @@ def add_rows(table: Table, errors: Array) -> None:
             )
 
 
+def _withheld(track: Track, window: int) -> dict[str, tuple[float, float]]:
+    """Return the horizontal and vertical RMS residual to the fixes that were withheld from a window, m, if there are some."""
+    residual = track.withheld(window).residual
+    if not len(residual):
+        return {}
+    east, north, up = np.square(residual).mean(axis=0)
+    return {"withheld fixes, m": (math.sqrt(east + north), math.sqrt(up))}
+
+
 def track_table(one: Replay, most: int) -> Table:
     """Return a table of a replay that navigates, with a row for each of the first ``most`` windows."""
     track = one.track
@@ -72,7 +82,7 @@ def track_table(one: Replay, most: int) -> Table:
     aligned = one.reference is not None and coarse > 0
     if aligned:
         out.add_column(f"heading error\nat {track.t[coarse - 1]:g} s, deg", justify="right")
-    scores = [track.scores(i) for i in range(min(len(one.starts), most))]
+    scores = [track.scores(i) | _withheld(track, i) for i in range(min(len(one.starts), most))]
     names = list(dict.fromkeys(name for each in scores for name in each))
     for name in names:
         out.add_column(name, justify="right")

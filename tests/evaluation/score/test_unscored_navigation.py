@@ -97,9 +97,10 @@ def test_replay(tmp_path, monkeypatch, cli, displacements):
     monkeypatch.setenv("COLUMNS", "120")
     path = record(tmp_path / "drive.npz", **({} if displacements else {"displacements": None}))
     plot = tmp_path / "way.png"
-    code, out, _ = cli("replay", path, SOLVER, "--mode", "navigate", "--coarse", 5, "--plot", plot)
+    outage = ["--outage", 6, 8] if displacements else []
+    code, out, _ = cli("replay", path, SOLVER, "--mode", "navigate", "--coarse", 5, "--plot", plot, *outage)
     assert code == 0
     assert "nan" not in out
-    assert ("displacement, m" in out) is displacements
+    assert ("displacement, m" in out) is ("withheld" in out) is displacements
     assert ("nothing to compare with" in out) is not displacements
     assert plot.stat().st_size > 20_000
