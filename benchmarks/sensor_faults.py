@@ -7,8 +7,8 @@ A car or a ship under way is played for 150 s with the fault from 60 to 120 s. A
 Errors are RMS over runs: the horizontal position at the end of the fault and at the end of the run, and the heading at the end. A
 run has failed if its position at the end is further off than three times the RMS of ``ckf`` without the fault.
 
-The column ``beyond`` is the share of readings at full seconds in the fault whose NIS is beyond its 99.9 % limit, by aid. It is 0.1 %
-for good ones. The column ``doubt`` is that of the diagnostics at the end. A name with ``gated`` has the setting ``aid_gate=0.999``.
+The column ``beyond`` is the share of readings at full seconds in the fault whose NIS is beyond its 99.9 % limit, by aid. It is
+0.1 % for good ones. The column ``doubt`` is that of the diagnostics at the end. The solver ``gated`` has ``aid_gate=0.999``.
 The tactical IMU has scale errors that no filter models, so the NEES is above one without a fault, too. The table is in
 docs/mathematics/aiding.md#faults.
 """
