@@ -86,6 +86,8 @@ class Integration(ABC):
         states = self._errors.states
         self._phi, self._fed = states["phi"], states.span(*self._errors.fed)
         self._Q, self._aid = self._errors.noise(task.prior), self.aid(task, states)
+        if self.settings.bias_walk:
+            self._Q = self._Q + self._errors.wandering(task.imu, task.epoch_s)
         rest: list[Aid] = []
         if self.settings.stillness:
             seen = ZeroVelocity(task, states)

@@ -35,6 +35,7 @@ class Settings:
     the default, there is no gate.
     ``stillness``: whether a base that is seen to stand still (:mod:`solvers.pipeline.aiding.stillness`) has a velocity of zero.
     ``zero_rate``: whether it has no rate against the earth, too, with the noise of the gyros that already drives the prediction.
+    ``bias_walk``: whether the biases wander as fast as told Gauss-Markov biases do. Otherwise, as by default, they are constants.
 
     Raises:
         ValueError: a value that is not allowed.
@@ -49,6 +50,7 @@ class Settings:
     aid_gate: float = 1.0
     stillness: bool = False
     zero_rate: bool = False
+    bias_walk: bool = False
 
     def __post_init__(self) -> None:
         choice("model", self.model, MODELS)
@@ -59,6 +61,7 @@ class Settings:
         keep(self, "coarse_again", flag)
         keep(self, "stillness", flag)
         keep(self, "zero_rate", flag)
+        keep(self, "bias_walk", flag)
         if self.zero_rate and not self.stillness:
             raise ValueError(
                 "zero_rate = True with stillness = False; allowed: with stillness = True, which sees the rest"

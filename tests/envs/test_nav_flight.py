@@ -39,7 +39,7 @@ def flights(rows, steps, seed=0):
         *({"profile": name} for name in PROFILES),
         {"profile": OWN, "n_sub": 10, "reveal_truth": True},
         {"start": "unknown", "coarse": 1.0},
-        {"render_mode": "rgb_array", "gps": {"rate_hz": 10.0}},
+        {"render_mode": "rgb_array", "gps": {"rate_hz": 10.0, "velocity": False}},
     ],
     ids=str,
 )

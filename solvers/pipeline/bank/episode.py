@@ -69,6 +69,7 @@ class Episode:
         self._stationary = regimes.stationary(len(factors), self._as_told)
         self._Q_gyro = self._errors.noise(replace(task.prior, vrw_ug_sqrt_hz=0.0))
         self._Q_accel = self._errors.noise(replace(task.prior, arw_deg_sqrt_h=0.0))
+        self._wander = self._errors.wandering(task.imu, task.epoch_s) if settings.bias_walk else None
         self.slices: Slices | None = None  #: None before any run has a slice
         self._begin(num_runs)
 
@@ -229,6 +230,8 @@ class Episode:
             s = s._replace(bias=s.bias @ self._carry[fed, fed].T)
             x = Gaussian(x.mean @ self._carry.T, self._carry @ x.cov @ self._carry.T)
             x.cov[..., own, own] += self._added
+        if self._wander is not None:
+            x = x._replace(cov=x.cov + self._wander)
         return s._replace(weight=mixed.weight, mean=x.mean, cov=x.cov, regimes=mixed.regimes)
 
     def _rest(self, s: Slices, dtheta: Array, still: NDArray[np.int64]) -> Slices:

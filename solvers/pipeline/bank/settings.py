@@ -25,6 +25,7 @@ class BankSettings:
     (:mod:`solvers.pipeline.aiding.stillness`).
     ``coarse``: method of the coarse phase (:mod:`solvers.pipeline.coarse`), after which its epochs are filtered again around
     what it found; None: no coarse phase.
+    ``bias_walk``: whether the biases wander as fast as told Gauss-Markov biases do.
 
     Raises:
         ValueError: a value that is not allowed.
@@ -36,6 +37,7 @@ class BankSettings:
     fix_offsets: bool = True
     stillness: bool = False
     coarse: str | None = None
+    bias_walk: bool = False
 
     def __post_init__(self) -> None:
         keep(self, "spacing_deg", number, least=0.5, most=360.0)  # a slice has an inertial solution of its own
@@ -45,6 +47,7 @@ class BankSettings:
             raise refused("fix_factors", self.fix_factors, WITH_ONE)
         keep(self, "fix_offsets", flag)
         keep(self, "stillness", flag)
+        keep(self, "bias_walk", flag)
         if self.coarse is not None:
             coarse_methods.check_method(self.coarse)
 

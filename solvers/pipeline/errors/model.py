@@ -20,9 +20,10 @@ import numpy as np
 from sins_env.arrays import Array
 from sins_env.earth import Earth
 from sins_env.prior import Prior
+from sins_env.specs import ImuSpec
 from sins_env.states import ERRORS, NAVIGATION, Block, Layout
 from sins_env.types import NavState
-from sins_env.units import DEG_PER_H, G0
+from sins_env.units import DEG_PER_H, G0, UG
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Gaussian, Transition
 
@@ -101,6 +102,12 @@ class ErrorModel(ABC):
     def noise(self, prior: Prior) -> Array:
         """Return the told Q (n, n) of one epoch."""
         return self._told(prior.Q, self._added(prior.epoch_s))
+
+    def wandering(self, imu: ImuSpec, epoch_s: float) -> Array:
+        """Return what Gauss-Markov biases of the told sensors add to Q (n, n) in one epoch, as random walks: 2 sigma^2 T / tau."""
+        gyro = imu.gyro_markov_deg_h * DEG_PER_H * math.sqrt(2.0 * epoch_s / imu.gyro_markov_s)
+        accel = imu.accel_markov_ug * UG * math.sqrt(2.0 * epoch_s / imu.accel_markov_s)
+        return self._told(np.diag(np.square(ERRORS.values({"gyro_bias": gyro, "accel_bias": accel}))))
 
     def _added(self, epoch_s: float) -> list[Array]:
         return [p.added(epoch_s) for p in self.parameters]

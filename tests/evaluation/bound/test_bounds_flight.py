@@ -296,13 +296,78 @@ def test_covariance_is_that_of_a_dense_least_squares_problem():
             log = np.hstack([back, -back @ skew(v), zero, zero, zero, -y[:, None], -skew(y), back[:, :2]])
             rows.append(log @ state)
             noise += [0.01**2] * 3
+    expected = posterior_std(state, joint, rows, noise)[[3, 4, 5, 0, 1, 2, 6, 7, 8]]
+    np.testing.assert_allclose(bounds.compute(task).final, expected, rtol=1e-8)
+
+
+def posterior_std(state, joint, rows, noise):
+    """The spread of ``state`` @ u for u ~ N(0, joint) after ``rows`` @ u was seen with variances ``noise``."""
     M = np.concatenate(rows)
     cross = state @ joint @ M.T
-    posterior = state @ joint @ state.T - cross @ linalg.solve(
-        M @ joint @ M.T + np.diag(noise), cross.T, assume_a="pos"
-    )
-    expected = np.sqrt(np.diag(posterior))[[3, 4, 5, 0, 1, 2, 6, 7, 8]]
-    np.testing.assert_allclose(bounds.compute(task).final, expected, rtol=1e-8)
+    S = M @ joint @ M.T + np.diag(noise)
+    return np.sqrt(np.diag(state @ joint @ state.T - cross @ linalg.solve(S, cross.T, assume_a="pos")))
+
+
+def test_covariance_with_positions_alone_and_ranges_is_that_of_a_dense_problem():
+    """Fixes without a velocity, then three satellites of five with clock and multipath: rows are differences of the geometry.
+
+    The satellites, and which of them are seen, are those of the observations.
+    """
+    arm, S = np.array([0.4, -1.0, 1.5]), 5
+    ranges = {"satellites": S, "multipath_m": 2.0, "few_s": [[40.0, 60.0]], "rate_hz": 0.5, "lever_arm_m": arm.tolist()}
+    gps = {"velocity": False, "outages_s": [[30.0, 100.0]]}
+    K, h, n = 60, 1.0, 15 + 2 + S
+    task = flight("hotstart30", duration=60.0, epoch=h, n_sub=10, gps=gps, aids={"ranges": ranges})
+    env = task.make(1)
+    obs, info = task.reset(env, [0])
+    told = np.concatenate([info["start"][name] for name in ("q_nb", "vel", "pos")], axis=-1)
+    world = env.unwrapped.episode.world
+    model = ErrorDynamics(world)
+    (part,) = true_motion(task, world.task, 1)
+    F = np.zeros((K, n, n))
+    F[:, :15, :15] = model.transitions(part)[0, :, :15, :15]
+    decay = h / 300.0
+    F[:, 15:, 15:] = linalg.block_diag([[1.0, h], [0.0, 1.0]], (1 - decay + decay**2 / 2 - decay**3 / 6) * np.eye(S))
+    c2 = 299_792_458.0**2
+    drive = [(100 * UG) ** 2] * 3 + [(0.1 * DEG / 60) ** 2] * 3 + [0.0] * 9
+    white = np.diag(drive + [c2 * 1e-19, 2 * math.pi**2 * c2 * 2e-20] + [2 * 2.0**2 / 300] * S)
+    std = [0.1] * 3 + [5 * DEG, 5 * DEG, 30 * DEG] + [10.0] * 3 + [1000 * UG] * 3 + [DEG_PER_H] * 3
+    std += [100.0, 10.0] + [2.0] * S
+    joint = linalg.block_diag(np.diag(np.square(std)), *(h / 2 * (white + F[k] @ white @ F[k].T) for k in range(K)))
+    state, rows, noise = np.eye(n, (K + 1) * n), [], []
+    for k in range(K):
+        state = F[k] @ state
+        state[:, (k + 1) * n : (k + 2) * n] += np.eye(n)
+        obs = env.step(told)[0] if k else obs
+        if k + 1 <= 30:
+            rows.append(np.eye(3, n, 6) @ state)
+            noise += [100.0] * 3
+        seen = obs["ranges_valid"][0] == 1
+        assert seen.sum() == (S if k < 40 else 3) * (k % 2)
+        if not seen.any():
+            continue
+        satellites = obs["satellites"][0, seen]
+        pos = earth.displace(model.earth, part.pos[0, k], part.vel_end[0, k] * h / 2)
+
+        def shown(x, k=k, seen=seen, satellites=satellites, pos=pos):
+            C = attitude.to_dcm(attitude.from_rotvec(-x[PHI])) @ part.C_end[0, k]
+            place = earth.displace(model.earth, pos, x[DP] + C @ arm)
+            vel = part.vel_end[0, k] + x[DV] + C @ np.cross(part.rate_end[0, k] + x[GYRO], arm)
+            vel = earth.ecef_to_enu(pos[0], pos[1]).T @ vel
+            away = satellites[:, :3] - earth.to_ecef(model.earth, place)
+            far = np.linalg.norm(away, axis=-1)
+            rate = np.sum(away * (satellites[:, 3:] - vel), axis=-1) / far
+            return np.concatenate([far + x[15] + x[17:][seen], rate + x[16]]), away / far[:, None]
+
+        step = np.array([1e-2] * 3 + [1e-4] * 3 + [1.0] * 3 + [1.0] * 3 + [1e-4] * 3 + [1.0] * (2 + S))
+        H = np.array([(shown(x)[0] - shown(-x)[0]) / (2 * s) for x, s in zip(np.diag(step), step, strict=True)]).T
+        rows.append(H @ state)
+        up = earth.ecef_to_enu(pos[0], pos[1])[2]
+        sine = shown(np.zeros(n))[1] @ up
+        noise += [*np.square(3.0 / sine), *np.square(0.1 / sine)]
+    env.close()
+    expected = posterior_std(state, joint, rows, noise)[[3, 4, 5, 0, 1, 2, 6, 7, 8]]
+    np.testing.assert_allclose(bounds.compute(task).final, expected, rtol=1e-5)
 
 
 def test_units_do_not_matter():

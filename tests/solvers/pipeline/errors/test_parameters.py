@@ -2,13 +2,16 @@
 
 import dataclasses
 
+import gymnasium
 import numpy as np
 import pytest
 
+import solvers
 from sins_env import attitude, earth
 from sins_env.prior import matched_prior
 from sins_env.specs import GpsSpec, ImuSpec
 from sins_env.types import NavState
+from sins_env.units import DEG_PER_H, UG
 from solvers.pipeline import feedback
 from solvers.pipeline.aiding.gps import Fix
 from solvers.pipeline.errors.alignment import AlignmentErrors
@@ -117,3 +120,21 @@ def test_invariant_coordinates(position, size):
         np.testing.assert_allclose(found.cov[:, :n, :n], expected.cov, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(found.cov[:, n:, n:], P[:, n:, n:])
         np.testing.assert_array_equal(found.mean[:, :n], expected.mean)
+
+
+@pytest.mark.parametrize("name", ["ekf", "gsf_imm"])
+def test_biases_wander_as_told(name):
+    """After a tenth of a correlation time without fixes, as random walks of the growth of the told Gauss-Markov biases."""
+    imu = {"gyro_markov_deg_h": 5.0, "gyro_markov_s": 20.0, "accel_markov_ug": 1000.0, "accel_markov_s": 40.0}
+    env = gymnasium.make("SINS/NavFlight-v0", imu=imu, gps={"outages_s": [[0.0, 10.0]]}, duration=2.0)
+    found = []
+    for walk in (False, True):
+        obs, _ = env.reset(seed=1)
+        solver = solvers.make(name, bias_walk=walk)
+        solver.reset(env.unwrapped.task, np.random.default_rng(1))
+        for _ in range(20):
+            obs = env.step(solver.step(obs))[0]
+        found.append(np.square([solver.diagnostics()[bias + "_sigma"] for bias in ("gyro_bias", "accel_bias")]))
+    told = np.square([5.0 * DEG_PER_H, 1000.0 * UG])
+    grown = 2.0 * told * [2.0 / 20.0, 2.0 / 40.0]
+    np.testing.assert_allclose(found[1] - found[0], np.broadcast_to(grown[:, None], (2, 3)), rtol=1e-6)
