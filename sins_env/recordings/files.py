@@ -77,7 +77,12 @@ def _with_mapping(found: Path, format: str | None, mapping: Any) -> tuple[Path, 
     elif found.suffix.lower() == ".json":
         given = read_mapping(found)
         if not isinstance(given.get("file"), str):
-            raise ValueError(f'{found}: no file named; allowed: a mapping with "file"')
+            names = sorted(
+                one.name for one in found.parent.iterdir() if unpacked_name(one).with_suffix(".json") == found
+            )
+            described = ", ".join(name for name in names if name != found.name)
+            instead = f", or what it describes: {described}" if described else ""
+            raise ValueError(f'{found}: no file named; allowed: a mapping with "file"{instead}')
         data = companion(found, given["file"], found.name)
     else:
         beside = unpacked_name(found).with_suffix(".json")

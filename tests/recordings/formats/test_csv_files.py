@@ -293,7 +293,9 @@ def test_mappings_that_are_no_json(tmp_path):
     with pytest.raises(ValueError, match="a list; allowed: a JSON object"):
         load(path)
     (tmp_path / "imu.json").write_text("{}")
-    with pytest.raises(ValueError, match=r"no file named; allowed: a mapping with \"file\""):
+    with pytest.raises(
+        ValueError, match=r"no file named; allowed: a mapping with \"file\", or what it describes: imu.csv$"
+    ):
         load(tmp_path / "imu.json")
 
 
