@@ -11,6 +11,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 #: What those that take long are given; without arguments they do the whole of what their docstrings say.
 LITTLE = {
     "adaptive_noise": "--runs 2 --seconds 15",
+    "aids_of_a_car": "--begin 5 --outage 2 --runs 2",
     "bank_of_headings": "--seconds 10",
     "compare_two_filters": "--runs 2 --seconds 15",
     "custom_estimator": "--runs 1 --seconds 60",
