@@ -45,7 +45,7 @@ SIMULATED: Mapping[str, tuple[str, dict[str, Any]]] = {
     "straight cruise at 15 m/s": ("SINS/NavFlight-v0", {"profile": STRAIGHT}),
     "straight creep at 0.5 m/s": ("SINS/NavFlight-v0", {"profile": SLOW}),
 }
-FACTORS = (1.0, 30.0, 100.0)  #: of the told white noise, for the recordings
+FACTORS = (1.0, 30.0, 100.0)  #: what the told white noise is multiplied by, for the recordings
 LASER, NAVGRADE = "rlg_parked_car.npz", "navgrade_car_gps.npz"
 #: Windows of the recordings, start and length in s.
 RECORDED: Mapping[str, tuple[str, tuple[float, float], dict[str, Any]]] = {
