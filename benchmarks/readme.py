@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import markers
-import numpy as np
 import suite
 import zoo
 
@@ -155,13 +154,14 @@ def _others(board: Board, task: Entry) -> str:
 # ---- numbers in words ----
 
 
-def _value(value: float | None, unit: str, largest: float | None = None) -> str:
-    """Return a value with its unit, which for an angle follows from the largest of those beside it."""
+def _value(value: float | None, unit: str, beside: float | None = None) -> str:
+    """Return a value with its unit, which for an angle ``beside`` another one is that of the other."""
     if value is None:
         return "-"
-    if unit == "rad" and angle_text((largest or value) / ARCSEC).endswith("°"):
-        return f"{number_text(np.degrees(value))}°"
-    return number_text(value / ARCSEC) + "″" if unit == "rad" else f"{number_text(value)} {unit}"
+    if unit != "rad":
+        return f"{number_text(value)} {unit}"
+    text = angle_text(value / ARCSEC, None if beside is None else beside / ARCSEC)
+    return text if text.endswith("°") else f"{text}″"
 
 
 def _estimate(value: float | None, ends: Sequence[float | None], unit: str) -> str:

@@ -54,7 +54,7 @@ if _TYPES:
     from sins_env.evaluation.monte_carlo import evaluate
     from sins_env.evaluation.planning.family import bound
     from sins_env.evaluation.score.paired import compare
-    from sins_env.evaluation.score.results import Results
+    from sins_env.evaluation.show.drawn_results import DrawnResults as Results
     from sins_env.evaluation.solution.navigating import navigate
     from sins_env.evaluation.solution.solution import Solution
     from sins_env.evaluation.store.results_file import ResultsFile as Store
@@ -87,7 +87,7 @@ __all__ = [
 #: Modules of the public names. They are imported when a name is asked for, so that the command line can begin before.
 _MODULES = {
     "Prior": "prior",
-    "Results": "evaluation.score.results",
+    "Results": "evaluation.show.drawn_results:DrawnResults",
     "Store": "evaluation.store.results_file:ResultsFile",
     "bound": "evaluation.planning.family",
     "compare": "evaluation.score.paired",

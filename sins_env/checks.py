@@ -27,14 +27,14 @@ LARGEST = 1e100  #: largest finite number that any setting may be; its square an
 MOST_SHOWN = 200  #: most characters of an error that repeat what was given
 
 
-def unknown(kind: str, given: object, allowed: Iterable[str], also: Iterable[str] = ()) -> ValueError:
+def unknown(kind: str, given: object, allowed: Iterable[str], near: str | None = None) -> ValueError:
     """Return the error for a name that does not exist, such as "unknown task 'sway-whit-v0'; did you mean ...?".
 
-    The nearest name may be one of ``also``, which are allowed but too many to be listed.
+    The nearest name is found among those that are listed, unless the caller knows a better one.
     """
     names = sorted(allowed)
-    near = difflib.get_close_matches(shown(given).strip("'"), [*names, *also], n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}? Allowed" if near else "allowed"
+    close = [near] if near else difflib.get_close_matches(shown(given).strip("'"), names, n=1, cutoff=0.5)
+    hint = f"did you mean {close[0]!r}? Allowed" if close else "allowed"
     return ValueError(f"unknown {kind} {shown(given)}; {hint}: {_listed(names)}")
 
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from sins_env.writing.files import replacing
+from sins_env.writing.files import saved
 from sins_env.writing.visible import LAYOUT, visible
 
 
@@ -49,6 +49,5 @@ def check_plot(path: str | None, option: str = "--plot") -> None:
 
 def save_figure(figure: Any, path: str | Path) -> None:
     """Write a figure in the format of the path's ending, and print a remark."""
-    with replacing([Path(path)]) as (new,):
-        figure.savefig(new, dpi=150, format=Path(path).suffix.lstrip(".").lower())
+    saved(figure, path)
     remark(f"figure: {path}")

@@ -18,7 +18,7 @@ from sins_env.evaluation.play.one_run import Course, run_episode
 from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.score.metrics import Summary
 from sins_env.evaluation.score.paired import Comparison, compare
-from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.show.drawn_results import DrawnResults as Results
 from sins_env.evaluation.tasks.catalogue import TASKS, get_task
 from sins_env.evaluation.tasks.fingerprint import digest
 from sins_env.evaluation.tasks.task import EvaluationTask

@@ -12,7 +12,7 @@ from sins_env.evaluation.play.executors import Runner, runner
 from sins_env.evaluation.play.job import Job
 from sins_env.evaluation.play.queue import Report, chunks, extent, played
 from sins_env.evaluation.play.records import Records
-from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.show.drawn_results import DrawnResults as Results
 from sins_env.evaluation.speed.cost import cost_of
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask, run_numbers, suite_hash

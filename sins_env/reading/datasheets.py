@@ -130,19 +130,28 @@ def _of_kind(stem: str, kind: str, own: Collection[str]) -> str | None:
 
 
 def _unknown(name: str, own: Collection[str], whose: str) -> ValueError:
-    """Return the error for a setting that no field has: a name that is almost the same, else the units of its field."""
-    words = _words(own)
-    also = [f"{stem}_{unit}" for stem, units in words.items() for unit in units]
-    if _split(name)[0] in words or not difflib.get_close_matches(name, also, n=1, cutoff=0.9):
-        for stem in sorted(words, key=len, reverse=True):
-            if f"{name}_".startswith(f"{stem}_"):
-                names = [f"{stem}_{unit}" for unit in words[stem]]
-                near = next((one for one in names if one in own), names[0])
-                listed = ", ".join(names)
-                return ValueError(
-                    f"unknown setting of {whose} {checks.shown(name)}; did you mean {near!r}? Allowed: {listed}"
-                )
-    return checks.unknown(f"setting of {whose}", name, own, also)
+    """Return the error for a setting that no field has: the units of its field, or else the name that it may mean.
+
+    A name in another unit is offered only if it is almost the same. Otherwise the part before the unit decides, and the name
+    is that of the field itself.
+    """
+    stem, unit = _split(name)
+    names = {word: [f"{word}_{unit}" for unit in units] for word, units in _words(own).items()}
+    almost = difflib.get_close_matches(
+        name, [*own, *(one for all_of in names.values() for one in all_of)], 1, cutoff=0.9
+    )
+    begins = [word for word in names if f"{name}_".startswith(f"{word}_")]
+    if begins and (stem in names or not almost):
+        listed = names[max(begins, key=len)]
+        near = next((one for one in listed if one in own), listed[0])
+        return ValueError(
+            f"unknown setting of {whose} {checks.shown(name)}; did you mean {near!r}? Allowed: {', '.join(listed)}"
+        )
+    offered = {one: [one] for one in own if _split(one)[0] not in names} | names
+    for word in [] if almost else difflib.get_close_matches(stem, offered, 1, cutoff=0.6):
+        fitting = [one for one in offered[word] if unit and one == f"{word}_{unit}"]
+        almost = fitting or [one for one in offered[word] if one in own] or offered[word]
+    return checks.unknown(f"setting of {whose}", name, own, next(iter(almost), None))
 
 
 def _words(own: Collection[str]) -> dict[str, list[str]]:

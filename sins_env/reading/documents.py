@@ -190,7 +190,9 @@ def parse_yaml(text: str) -> Any:
         what = getattr(error, "problem", None) or getattr(error, "reason", None) or error
         before = text.encode("utf-8", "surrogatepass")[: getattr(error, "position", 0)]  # of what cannot be read at all
         where = f"line {mark.line + 1 if mark else before.count(10) + 1} is"
-        raise ValueError(f"{where} no YAML ({' '.join(str(what).split())})") from None
+        tab = mark and "\t" in "".join(text.split("\n")[mark.line : mark.line + 1])
+        hint = "; allowed: spaces instead of the tab" if tab else ""
+        raise ValueError(f"{where} no YAML ({' '.join(str(what).split())}){hint}") from None
 
 
 def _check_events(yaml: Any, loader: Any, text: str) -> None:

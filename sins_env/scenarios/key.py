@@ -63,7 +63,7 @@ class Key:
             if isinstance(given, (str, bool)) and given in self.words:
                 return self.words[given]
             checked = self.check(self.path, given)
-        except ValueError as error:
+        except (ValueError, FileNotFoundError) as error:
             raise ValueError(self._named(str(error))) from None
         return checked if isinstance(checked, (str, bool, int, float)) else given
 

@@ -145,7 +145,7 @@ class Reader:
             given = str(beside)
         try:
             return key.value(given)
-        except (ValueError, FileNotFoundError) as error:
+        except ValueError as error:
             raise self.error(self._named_in(str(error), place), str(error)) from None
 
     def _named_in(self, text: str, place: Place) -> Place:

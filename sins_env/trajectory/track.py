@@ -139,7 +139,13 @@ class TrackPlan(FlightPlan):
         source = settings.pop("track", None)
         is_path = isinstance(source, (str, os.PathLike))
         try:
-            return cls._of_columns(*_columns(source, folder), **settings)
+            t, columns = _columns(source, folder)
+            for name in settings if METRES[0] not in columns else ():
+                if name in PLACES:
+                    raise checks.refused(
+                        name, settings[name], f"for a table of metres; this one has {', '.join(PLACES)}"
+                    )
+            return cls._of_columns(t, columns, **settings)
         except ValueError as error:
             if not is_path or str(source) in str(error):
                 raise
@@ -321,11 +327,13 @@ def _columns(source: Any, folder: Path | None) -> tuple[Array, dict[str, Array]]
         raise checks.refused("track", source, "the path of a CSV or NPZ table, or a dict of columns")
     columns = {}
     for name, values in found.items():
-        known = _known(name)
+        known = known_column(name)
         if known in columns:
             raise ValueError(f"column {name!r} is a second {known}; allowed: one of each")
         if known:
             columns[known] = values
+    if all(name in columns for name in PLACES):  # they say more than metres beside them, which have an unknown origin
+        columns = {name: values for name, values in columns.items() if name not in METRES}
     needed = METRES if any(name in columns for name in METRES) else PLACES
     missing = [name for name in ("t", *needed) if name not in columns]
     if missing:
@@ -364,10 +372,22 @@ def _check_rows(columns: Mapping[str, Array]) -> None:
         raise ValueError(f"{t[-1] - t[0]:g} s from the first row to the last; allowed: at most {MOST_S:g} s, a week")
 
 
-def _known(name: str) -> str:
+def known_column(name: str) -> str:
     """Return the column that a name means, or an empty text."""
     plain = name.strip().lower()
     return next((known for known, others in NAMES.items() if plain == known or plain in others), "")
+
+
+def column_names(path: Path) -> list[str]:
+    """Return the names of the columns of a CSV file with a header, or of the arrays of an NPZ file; none without a header.
+
+    Raises:
+        ValueError: no such table.
+    """
+    if path.suffix.lower() == ".npz":
+        with archive(path) as arrays:
+            return list(arrays.keys())
+    return list(read_head(path, Style(header=None), measured=True).names or ())
 
 
 def _read(path: Path) -> dict[str, Array]:
@@ -375,9 +395,11 @@ def _read(path: Path) -> dict[str, Array]:
     ending = path.suffix.lower()
     if ending not in TABLE_FILES:
         raise ValueError(f"{path}: no table of a track; allowed: a file that ends in {', '.join(TABLE_FILES)}")
+    if not path.is_file():
+        raise FileNotFoundError(f"no file {checks.shown(str(path))}; allowed: the path of a table")
     if ending == ".npz":
         with archive(path) as arrays:
-            return {name: _real(name, arrays.read(name)) for name in filter(_known, arrays.keys())}
+            return {name: _real(name, arrays.read(name)) for name in filter(known_column, arrays.keys())}
     head = read_head(path, Style(header=None), measured=True)
     if not head.names:
         raise ValueError(

@@ -7,6 +7,10 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
+    from matplotlib.figure import Figure
 
 
 @contextmanager
@@ -70,3 +74,15 @@ def write_text(path: str | Path, text: str) -> None:
     """
     with replacing([Path(path)]) as (new,):
         new.write_text(text, encoding="utf-8")
+
+
+def saved(figure: Figure, path: str | Path | None) -> Figure:
+    """Return a figure; with a path it is written, in the format of the path's ending, whole or not at all.
+
+    Raises:
+        OSError, ValueError: a file that cannot be written, or an ending of no format.
+    """
+    if path is not None:
+        with replacing([Path(path)]) as (new,):
+            figure.savefig(new, dpi=150, format=Path(path).suffix.lstrip(".").lower())
+    return figure

@@ -147,6 +147,19 @@ def test_describe_draws_a_flight(cli, tmp_path):
     assert (tmp_path / "own.png").stat().st_size > 10_000
 
 
+def test_describe_a_track(cli, tmp_path):
+    """A table with places and no room for an IMU is a track, unless it has the mapping of a recording."""
+    rows = "\n".join(f"{i},{i},{i * i / 50},0" for i in range(20))
+    (tmp_path / "trip.csv").write_text(f"time,east,north,up\n{rows}\n")
+    code, out, err = cli("describe", "trip.csv")
+    assert (code, err) == (0, [])
+    assert "track" in out
+    assert "19" in out
+    (tmp_path / "trip.json").write_text("{}")
+    code, out, err = cli("describe", "trip.csv")
+    assert (code, "trip.json" in " ".join(err)) == (2, True)
+
+
 @pytest.mark.parametrize("recorded", ["rlg_parked_car.npz"], indirect=True)
 def test_describe_recording(cli, recorded):
     code, out, _ = cli("describe", recorded)

@@ -79,6 +79,8 @@ def test_a_field_by_its_own_name_keeps_its_bits():
         ({"arw_deg_min": 1}, "arw_deg_s_sqrt_hz"),  # the units that there are
         ({"gyro_bias_instabilty_deg_h": 1}, "did you mean 'gyro_bias_instability_deg_h'"),
         ({"vrw_m_s_sqrt_h": 1}, "did you mean 'vrw_mps_sqrt_h'"),
+        ({"gyro_biass": 1}, "did you mean 'gyro_bias_deg_h'"),  # the field, not the unit of the nearest length
+        ({"gyr_bias_deg_s": 1}, "did you mean 'gyro_bias_deg_s'"),
         ({"gyro_bias_instability_s": 1}, "gyro_bias_instability_deg_h"),  # a time is none
         ({"arw_deg_s_sqrt_hz": -0.1}, "not negative.*given as arw_deg_s_sqrt_hz = -0.1"),
         ({"arw_deg_s_sqrt_hz": "1"}, "a finite number"),

@@ -8,11 +8,12 @@ import warnings
 import gymnasium
 import numpy as np
 import pytest
+import yaml
 from gymnasium.utils.env_checker import check_env
 from numpy.testing import assert_array_equal
 from places import ROOT
 
-from sins_env.cli.describe.scenario import key_rows
+from sins_env.cli.describe.scenario import key_rows, scenario_of
 from sins_env.envs.environments import ENVIRONMENTS
 from sins_env.evaluation.tasks import catalogue
 from sins_env.evaluation.tasks.catalogue import get_task, load, register, thresholds
@@ -102,6 +103,11 @@ BAD = {
     "suite's name": ("name: ferry-v0", "name: sway-white-v0", 1, "name = 'sway-white-v0', which a task of the suite has"),
     "digest": ("name: ferry-v0", "digest: '1234'", 1, "digest = '1234'; allowed: "),
     "preset and axes": ("  kind: sway", "  preset: thesis", 5, "motion.roll with motion.preset; allowed: one of them"),
+    "tab": ("  kind: sway", "\tkind: sway", 4, "allowed: spaces instead of the tab"),
+    "no table": ("  kind: sway", "  table: t.csv\n  kind: track", 4, "motion.table: no file 't.csv'; allowed: the path"),
+    "ranked by": ("hold_s: 10", "rank_by: position", 22, "score.rank_by = 'position'; allowed: azimuth, failures"),
+    "scored from": ("hold_s: 10", "from_s: 9", 22, "score.from_s = 9.0; allowed: 0, for solvers return the attitude alone"),
+    "held for": ("hold_s: 10", "hold_s: 61", 22, "score.hold_s = 61.0; allowed: at most 60, the seconds that are scored"),
     "segment": ("  kind: sway", "  segments: [[climb, 3]]\n  kind: flight", 4, "motion.segments[0] = ['climb', 3]"),
 }  # fmt: skip
 
@@ -207,6 +213,14 @@ def test_thresholds_that_are_left_out_follow_from_the_bound(file, monkeypatch):
     recorded = file("motion: {kind: recording, file: x.npz}\n")
     with pytest.raises(ValueError, match=r"line 1: score.azimuth_deg and score.level_arcsec are missing"):
         load(recorded)
+
+
+def test_every_task_can_be_written_as_a_file():
+    """The way back from settings to keys, for each task of the suite, and for one that no file can hold."""
+    for task in catalogue.suite_tasks().values():
+        assert load(yaml.safe_load(yaml.safe_dump(scenario_of(task)))) == task
+    with pytest.raises(ValueError, match="odd-v0: settings that no key of a scenario has"):
+        scenario_of(dataclasses.replace(get_task("sway-white-v0"), name="odd-v0", kwargs={"reveal_truth": True}))
 
 
 def test_a_task_is_registered_by_its_name(file, monkeypatch):

@@ -188,6 +188,18 @@ def test_a_file_at_fault_is_named(tmp_path):
         TrackPlan.of(tmp_path / "b.csv")
 
 
+def test_places_count_more_than_metres_beside_them():
+    """Metres have an origin that the table does not tell; it may be given only if there are no places."""
+    n = np.arange(8.0)
+    places = {"t": n, "lat": 50 + 1e-5 * n, "lon": 8 + 1e-5 * n, "height": 0 * n}
+    plan = plan_of({"track": {**places, "east": n, "north": n, "up": n}})
+    assert (plan.latitude_deg, plan.longitude_deg) == pytest.approx((50, 8))
+    with pytest.raises(
+        ValueError, match=r"latitude_deg = 10; allowed: for a table of metres; this one has latitude_deg"
+    ):
+        plan_of({"track": places, "latitude_deg": 10})
+
+
 def test_an_environment_and_a_bound_on_a_track():
     """The world's fixes and the bound are those of the track."""
     table = {name: values.tolist() for name, values in TABLES["aircraft"][0].items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 
@@ -10,18 +11,31 @@ from rich.console import Console
 
 from sins_env.cli.describe import figures
 from sins_env.cli.output import save_figure
-from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.show.rich_tables import titled
 from sins_env.specs import GpsSpec, ImuSpec
+from sins_env.trajectory.track import METRES, PLACES, TABLE_FILES, column_names, known_column
 from sins_env.worlds.profiles import PROFILES, flight_profile, is_flight
 
-__all__ = ["describe_flight", "draw_flight", "is_flight"]
-
-
+IMU_COLUMNS = 6  #: columns of a recording that a track has not
 _ALWAYS = ("vel_std_mps", "pos_std_m", "rate_hz")
 
 
+def is_motion(name: str) -> bool:
+    """Return whether this is a flight, or the table of a track: one with times and places, and no room for an IMU."""
+    path = Path(name)
+    if path.suffix.lower() not in TABLE_FILES:
+        return is_flight(name)
+    if not path.is_file() or path.with_suffix(".json").is_file():  # the mapping of a recording
+        return False
+    with suppress(ValueError):
+        known = [known_column(one) for one in column_names(path)]
+        needed = {"t", *(METRES if METRES[0] in known else PLACES)}
+        return needed <= set(known) and known.count("") < IMU_COLUMNS
+    return False
+
+
 def describe_flight(name: str, console: Console) -> bool:
-    """Print a flight profile, given by name, or the flight of a file."""
+    """Print a flight profile, given by name, or the flight or the track of a file."""
     profile = flight_profile(name)
     plan = profile.plan
     table = titled(f"{Path(name).name}  {profile.what}")

@@ -6,7 +6,7 @@ import re
 
 from rich.table import Table
 
-from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.show.rich_tables import titled
 
 
 def table(title: str, *columns: str) -> Table:

@@ -15,7 +15,7 @@ from rich.markup import escape
 from sins_env import recordings
 from sins_env.checks import unknown
 from sins_env.cli.describe import figures, layout
-from sins_env.cli.describe.flight import describe_flight, draw_flight
+from sins_env.cli.describe.flight import describe_flight, draw_flight, is_motion
 from sins_env.cli.describe.listing import KINDS
 from sins_env.cli.describe.recording import describe_recording, is_recording
 from sins_env.cli.describe.scenario import as_yaml, describe_keys, is_scenario_file
@@ -31,7 +31,7 @@ from sins_env.reading.datasheets import told
 from sins_env.sensors import aids
 from sins_env.sensors.gps import AGE, FIELDS, STD
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS, imu_spec
-from sins_env.worlds.profiles import PROFILES, is_flight
+from sins_env.worlds.profiles import PROFILES
 
 #: Fields of an observation, with the shapes of one run, and their meaning.
 OBSERVATION = {
@@ -74,7 +74,7 @@ def describe(given: Namespace, console: Console) -> int:
             found = _preset(kind, name, presets[name], console)
     if name in aids.known():
         found = _aid(aids.known()[name], console)
-    if is_flight(name):
+    if is_motion(name):
         found = describe_flight(name, console)
     if not found and is_recording(name):
         imu = None if given.imu is None else imu_spec(told(given.imu, IMU_PRESETS, "IMU preset"))
@@ -198,9 +198,9 @@ def _check_allan(name: str, path: str) -> None:
 
 def _check_flight(name: str, path: str) -> None:
     check_plot(path)
-    if not is_flight(name):
+    if not is_motion(name):
         raise ValueError(
-            f"--plot for {name!r}; allowed: a flight ({', '.join(PROFILES)}), or a YAML or JSON file with one"
+            f"--plot for {name!r}; allowed: a flight ({', '.join(PROFILES)}), a YAML or JSON file with one, or the table of a track"
         )
 
 

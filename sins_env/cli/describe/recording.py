@@ -9,7 +9,7 @@ from rich.console import Console
 
 from sins_env import earth, recordings
 from sins_env.evaluation.play.progress import Bar
-from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.show.rich_tables import titled
 from sins_env.reading.files import following
 from sins_env.recordings import first_few, seconds
 from sins_env.specs import ImuSpec

@@ -20,7 +20,7 @@ from sins_env.cli.describe.figures import allan_figure
 from sins_env.cli.output import check_plot, remark, save_figure
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.show.numbers import number_text
-from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.show.rich_tables import titled
 from sins_env.reading.datasheets import to_kalibr, told
 from sins_env.reading.documents import YAML_ENDINGS
 from sins_env.recordings import Recording, on_clock, seconds

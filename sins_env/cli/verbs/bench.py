@@ -15,7 +15,7 @@ from sins_env.cli.output import RunFailed, remark
 from sins_env.evaluation.estimators import isolation
 from sins_env.evaluation.estimators.guard import EstimatorError, Refusal
 from sins_env.evaluation.play.progress import Bar
-from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.show.rich_tables import titled
 from sins_env.evaluation.speed import bench as speed
 
 

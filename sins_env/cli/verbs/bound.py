@@ -26,10 +26,6 @@ def bound(given: Namespace, console: Console) -> int:
         json.dump(found.to_dict(given.at), sys.stdout, indent=2, allow_nan=False)
         print()
         return 0
-    for part in tables.over_time(found):
-        console.print(part)
-    for one in found.reached:
-        console.print(tables.sentence(found, one), markup=False, highlight=False)
-    for part in tables.family(found) if found.family else tables.budget(found, given.at):
+    for part in tables.told(found, given.at):
         console.print(part)
     return 0

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from sins_env.cli.output import remark
 from sins_env.evaluation.play.progress import Bar
-from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.show.rich_tables import titled
 from sins_env.reading.files import following
 from sins_env.recordings.file_format import unpacked_name
 from sins_env.recordings.guessing import Known, guess

@@ -20,7 +20,7 @@ from sins_env.evaluation.play.records import Records
 from sins_env.evaluation.replay import tables, track
 from sins_env.evaluation.score.quantities import QUANTITIES, run_errors
 from sins_env.evaluation.show import numbers, run_figure
-from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.show.rich_tables import titled
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.evaluation.tasks.task import EvaluationTask
 from sins_env.units import ARCSEC, DEG

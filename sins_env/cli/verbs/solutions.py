@@ -14,7 +14,7 @@ from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
 from sins_env.cli.verbs.sensors import sensor_settings
 from sins_env.evaluation.estimators.guard import EstimatorError, Refusal
 from sins_env.evaluation.play.progress import Bar
-from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.show.rich_tables import titled
 from sins_env.evaluation.solution import aligning, files
 from sins_env.evaluation.solution.navigating import navigate as navigated
 from sins_env.evaluation.solution.solution import Solution

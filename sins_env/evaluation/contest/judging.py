@@ -27,7 +27,7 @@ from sins_env.evaluation.score.resampling import NO_INTERVAL, TAILS, Estimate
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show.numbers import number_text
 from sins_env.evaluation.show.plain_tables import as_json, as_markdown
-from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.show.rich_tables import titled
 from sins_env.evaluation.speed.cost import YARDSTICK
 from sins_env.evaluation.store.key import canonical
 from sins_env.evaluation.store.store import Store

@@ -2,5 +2,6 @@
 
 A task comes in, and the bound of its errors over time goes out. With it come the share of each source of error, the time at
 which a wanted accuracy is reached, and what the bound tends to. No run is played.
-Read ``quantities``, ``sources``, ``recursion``, ``beyond``, ``forecast``, ``compute``, ``family``, then ``tables`` and ``figure``.
+Read ``quantities``, ``sources``, ``recursion``, ``beyond``, ``curves``, ``tables``, ``figure``, ``forecast``, then ``compute``
+and ``family``.
 """

@@ -14,7 +14,8 @@ from sins_env.evaluation.bound.bounds import RUNS
 from sins_env.evaluation.bound.error_dynamics import ErrorDynamics, simulated, true_motion
 from sins_env.evaluation.planning import beyond
 from sins_env.evaluation.planning.beyond import Course, Recorder
-from sins_env.evaluation.planning.forecast import Forecast, Reached
+from sins_env.evaluation.planning.curves import Reached
+from sins_env.evaluation.planning.forecast import Forecast
 from sins_env.evaluation.planning.quantities import QUANTITIES, Wanted, wanted
 from sins_env.evaluation.planning.recursion import advanced, stack
 from sins_env.evaluation.planning.sources import Source, sources

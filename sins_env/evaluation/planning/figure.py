@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sins_env.arrays import Array
-from sins_env.evaluation.planning.forecast import Forecast, Reached
+from sins_env.evaluation.planning.curves import Curves, Reached
 from sins_env.evaluation.planning.quantities import QUANTITIES
 from sins_env.evaluation.show.style import COLOURS, DOTTED, finish, new_figure, style
 
@@ -20,7 +20,7 @@ SHOWN = ("azimuth", "level", "velocity", "position")  #: quantities with a panel
 LEAST_SHARE, MOST_SOURCES = 0.03, 7  #: sources that never reach this share, or are too many, are drawn as one
 
 
-def forecast_figure(one: Forecast) -> Figure:
+def forecast_figure(one: Curves) -> Figure:
     """Draw the bound over time; below it the shares of the sources of error, or beside it the members of a family."""
     names = [name for name in SHOWN if name in one.sigma]
     shared = bool(one.sources) and not one.family
@@ -45,9 +45,9 @@ def forecast_figure(one: Forecast) -> Figure:
     return figure
 
 
-def _curves(axes: Axes, one: Forecast, name: str) -> None:
+def _curves(axes: Axes, one: Curves, name: str) -> None:
     q = QUANTITIES[name]
-    members = {"as it is": one, **one.family} if one.family else {"": one}
+    members: dict[str, Curves] = {"as it is": one, **one.family} if one.family else {"": one}
     for i, (label, member) in enumerate(members.items()):
         line = {"color": "black", "linewidth": 1.4} if not i else style(i - 1)
         axes.plot(member.t, member.sigma[name] / q.unit, label=label or None, **line)
@@ -74,7 +74,7 @@ def _asked(found: Reached, of_family: bool) -> str:
     return f"{found.wanted.text}: {'never' if math.isinf(found.first_s) else 'not to the end'}"
 
 
-def _layers(one: Forecast, names: list[str]) -> list[tuple[str, list[int], Any]]:
+def _layers(one: Curves, names: list[str]) -> list[tuple[str, list[int], Any]]:
     """Return the layers of the shares, the largest first: label, indices of sources, colour. The small ones are one layer."""
     shares = np.array([one.shares[name] for name in names])  # (quantities, times, sources)
     order = np.argsort(-shares[:, -1].max(axis=0), kind="stable").tolist()
@@ -86,7 +86,7 @@ def _layers(one: Forecast, names: list[str]) -> list[tuple[str, list[int], Any]]
     return [*layers, ("all others", small, "0.8")] if small else layers
 
 
-def _shares(axes: Axes, one: Forecast, name: str, layers: list[tuple[str, list[int], Any]]) -> None:
+def _shares(axes: Axes, one: Curves, name: str, layers: list[tuple[str, list[int], Any]]) -> None:
     parts: list[Array] = [100 * one.shares[name][:, sources].sum(axis=1) for _, sources, _ in layers]
     labels, colours = [label for label, _, _ in layers], [colour for _, _, colour in layers]
     axes.stackplot(one.budget_t, parts, labels=labels, colors=colours, alpha=0.85, linewidth=0.4, edgecolor="white")

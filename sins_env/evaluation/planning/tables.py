@@ -8,16 +8,23 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from sins_env.evaluation.planning.forecast import Forecast, Reached
+from sins_env.evaluation.planning.curves import Curves, Reached
 from sins_env.evaluation.planning.quantities import QUANTITIES
 from sins_env.evaluation.show.numbers import number_text, seconds_text
-from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.show.rich_tables import titled
 
 _DAY = "after a day"
 NEXT_TO_0 = 1e-3  #: share of the bound below which what is left of it is not written as a number
 
 
-def over_time(one: Forecast) -> list[RenderableType]:
+def told(one: Curves, t: float | None = None) -> list[RenderableType]:
+    """Return everything: the bound over time, each wanted accuracy, and the family or the budget at ``t`` s."""
+    sentences = [Text(sentence(one, found)) for found in one.reached]
+    rest = family(one) if one.family else budget(one, t) if one.sources else []
+    return [*over_time(one), *sentences, *rest]
+
+
+def over_time(one: Curves) -> list[RenderableType]:
     """Return the table of the bound over time, with its title and notes."""
     table = _table("time\ns")
     for q in one.quantities.values():
@@ -28,7 +35,7 @@ def over_time(one: Forecast) -> list[RenderableType]:
     return _headed(f"{one.task.name}: 1 sigma of the best that is possible", table, " ".join(_notes(one)))
 
 
-def _notes(one: Forecast) -> list[str]:
+def _notes(one: Curves) -> list[str]:
     notes = ["Level is that of a component, velocity and position are horizontal."]
     if not one.holds:
         notes.append("The start is not drawn from a Gaussian, or an aid errs otherwise: a reference only.")
@@ -37,7 +44,7 @@ def _notes(one: Forecast) -> list[str]:
     return notes
 
 
-def budget(one: Forecast, t: float | None = None) -> list[RenderableType]:
+def budget(one: Curves, t: float | None = None) -> list[RenderableType]:
     """Return two tables of the sources of error at ``t`` s, by default at the end: their shares, and the bound without each."""
     rows, at = one.budget(t), float(one.budget_t[one.index(one.budget_t, one.t[-1] if t is None else t)])
     shares, without = _table("source"), _table("source that is away")
@@ -59,14 +66,15 @@ def budget(one: Forecast, t: float | None = None) -> list[RenderableType]:
     ]
 
 
-def family(one: Forecast) -> list[RenderableType]:
+def family(one: Curves) -> list[RenderableType]:
     """Return a table with a row for each member of the family, at the end."""
     table = _table("setting")
     for q in one.quantities.values():
         table.add_column(f"{q.name}\n{q.unit_name}", justify="right")
     for asked in one.reached:
         table.add_column(f"{asked.wanted.text}\nfrom, s", justify="right")
-    for name, member in {"as it is": one, **one.family}.items():
+    members: dict[str, Curves] = {"as it is": one, **one.family}
+    for name, member in members.items():
         cells = [
             number_text(member.final(key) / q.unit) if key in member.sigma else "-" for key, q in one.quantities.items()
         ]
@@ -76,7 +84,7 @@ def family(one: Forecast) -> list[RenderableType]:
     return _headed(f"{one.task.name} with other settings, at the end", table, note)
 
 
-def sentence(one: Forecast, found: Reached) -> str:
+def sentence(one: Curves, found: Reached) -> str:
     """Return when a wanted accuracy is reached, or how far the task is from it, in one or two sentences."""
     q, end = QUANTITIES[found.wanted.quantity], one.t[-1]
     wanted = f"{found.wanted.text} of {q.what}:"

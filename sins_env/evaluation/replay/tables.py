@@ -11,7 +11,7 @@ from rich.table import Table
 from sins_env.arrays import Array
 from sins_env.evaluation.replay.replaying import ANGLES, Replay, mean_angle
 from sins_env.evaluation.replay.track import Track
-from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.show.rich_tables import titled
 from sins_env.recordings import seconds
 
 MOST_ROWS = 24  #: most windows with a row of their own

@@ -14,7 +14,7 @@ from rich.text import Text
 from sins_env.evaluation.reproduction.tables import Outcome, Table
 from sins_env.evaluation.reproduction.verdicts import IN_ORDER, NOT, OPEN, PRELIMINARY, REPRODUCED, Estimate
 from sins_env.evaluation.show.numbers import number_text
-from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.show.rich_tables import titled
 
 _STYLES = {REPRODUCED: "green", IN_ORDER: "yellow", OPEN: "yellow", PRELIMINARY: "dim", NOT: "red"}
 NEAR_ONE = 0.1  #: distance from one within which a quotient is shown with three decimals

@@ -101,11 +101,9 @@ def verdict(one: Results) -> Cell:
 
 def with_interval(value: Estimate, unit: str) -> Cell:
     """Return a number with its interval, in ``unit``; large numbers of arcsec are shown as degrees."""
-    as_angle = unit == "arcsec"
-    return Cell(
-        (angle_text if as_angle else number_text)(value[0]),
-        (angle_interval_text if as_angle else interval_text)(value[1]),
-    )
+    if unit == "arcsec":
+        return Cell(angle_text(value[0]), angle_interval_text(value[1], value[0]))
+    return Cell(number_text(value[0]), interval_text(value[1]))
 
 
 def x_bound(one: Results) -> Cell:

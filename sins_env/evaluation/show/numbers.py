@@ -43,14 +43,18 @@ def p_text(p: float) -> str:
     return f"p {p:.2g}" if p >= 1e-4 else "p < 1e-4"
 
 
-def angle_text(arcsec: float) -> str:
-    """Return arcseconds without a unit, or from 10,000 on degrees with their sign."""
-    return f"{number_text(arcsec / 3600)}°" if 1e4 <= arcsec < math.inf else number_text(arcsec)
+def angle_text(arcsec: float, beside: float | None = None) -> str:
+    """Return arcseconds without a unit, or degrees with their sign if the angle is 10,000 arcsec or more.
+
+    An angle ``beside`` another one, such as an end of its interval, has the unit of the other.
+    """
+    in_degrees = 1e4 <= (arcsec if beside is None else beside) < math.inf
+    return f"{number_text(arcsec / 3600)}°" if in_degrees else number_text(arcsec)
 
 
-def angle_interval_text(ci: Interval) -> str:
-    """Return an interval of angles given in arcsec; empty if it is unknown."""
-    return "" if math.isnan(ci[0]) else f"{angle_text(ci[0])}–{angle_text(ci[1])}".replace(",", "")
+def angle_interval_text(ci: Interval, value: float) -> str:
+    """Return the interval of an angle, all in arcsec, in the unit of the angle; empty if it is unknown."""
+    return "" if math.isnan(ci[0]) else "–".join(angle_text(end, value) for end in ci).replace(",", "")
 
 
 def interval_text(ci: Interval) -> str:

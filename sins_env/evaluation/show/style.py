@@ -1,13 +1,10 @@
-"""Colours, line styles and notes that all figures and tables share."""
+"""Colours, line styles and notes that all figures share."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
-
-from rich import box
-from rich.table import Table
-from rich.text import Text
 
 from sins_env.evaluation.bound.bounds import Bound
 from sins_env.evaluation.tasks.task import EvaluationTask
@@ -47,6 +44,11 @@ def new_figure(width: float, height: float, dpi: float | None = None) -> Figure:
                 label.set_parse_math(False)
                 label.set_text(visible(label.get_text(), keep=LAYOUT))
             super().draw(renderer)
+
+        def _repr_png_(self) -> bytes:
+            """Return the picture that a notebook shows, which knows figures of pyplot only."""
+            self.savefig(picture := BytesIO(), format="png")
+            return picture.getvalue()
 
     figure = Shown(figsize=(width, height), dpi=dpi, layout="constrained")
     FigureCanvasAgg(figure)
@@ -107,8 +109,3 @@ def shade_coarse(axes: Axes, coarse_s: float) -> None:
     """Shade the coarse phase, which is not scored."""
     if coarse_s:
         axes.axvspan(0, coarse_s, color="0.5", alpha=0.15, linewidth=0, label="coarse phase, not scored")
-
-
-def titled(title: str) -> Table:
-    """Return an empty table in the style of all verbs of the command line; brackets in the title are no markup."""
-    return Table(box=box.SIMPLE_HEAD, title=Text(title, style="bold"), title_justify="left", pad_edge=False)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from rich.table import Table
 
-from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.show.rich_tables import titled
 from sins_env.evaluation.solution.epochs import Epochs
 
 FIRST_S = 10.0  #: time of the first line, s from the start

@@ -15,6 +15,7 @@ from sins_env.evaluation.replay.track_figure import track_figure
 from sins_env.evaluation.solution import files
 from sins_env.evaluation.solution.epochs import Epochs, epochs_of
 from sins_env.recordings import Finding, findings, seconds
+from sins_env.writing.files import saved
 from sins_env.writing.visible import in_json
 
 if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
@@ -47,9 +48,7 @@ class Solution(Epochs):
     def plot(self, path: str | Path | None = None) -> Figure:
         """Return the figure of the replay: track, innovations in their band, and sigmas; with ``path`` it is written, too."""
         drawn = replay_figure(self.replay) if self.replay.track is None else track_figure(self.replay)
-        if path is not None:
-            files.write(path, lambda new: drawn.savefig(new, dpi=150, format=Path(path).suffix.lstrip(".").lower()))
-        return drawn
+        return saved(drawn, path)
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-from rich.console import Console
+from rich.console import RenderableType
 
 from sins_env.evaluation.estimators import isolation
-from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.score.results import Results, by_task
+from sins_env.evaluation.show.error_figure import error_figure
 from sins_env.evaluation.show.plain_tables import as_json
-from sins_env.evaluation.show.terminal_tables import print_tables
+from sins_env.evaluation.show.rich_tables import NOTEBOOK_WIDTH, in_html, in_text
+from sins_env.evaluation.show.terminal_tables import table
 from sins_env.evaluation.store.filling import Evaluation, fill
 from sins_env.evaluation.store.store import Store
 from sins_env.evaluation.tasks.catalogue import Given, get_task, named
 from sins_env.evaluation.tasks.task import run_numbers
+from sins_env.writing.files import saved
 
-WIDTH = 120  #: characters of a board in a notebook
+if TYPE_CHECKING:  # matplotlib is slow to import and needed only to draw
+    from matplotlib.figure import Figure
 
 
 class Board(Sequence[Results]):
@@ -42,19 +45,18 @@ class Board(Sequence[Results]):
         found: list[dict[str, Any]] = json.loads(as_json(self._results))
         return found
 
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Return the figure of ``sins-env board --plot``: errors over time by task; with ``path`` it is written, too."""
+        return saved(error_figure(self._results), path)
+
     def __repr__(self) -> str:
-        return self._printed().file.getvalue().rstrip("\n")  # type: ignore[attr-defined]
+        return in_text(*self._tables())
 
     def _repr_html_(self) -> str:
-        return self._printed(record=True).export_html(inline_styles=True, code_format="<pre>{code}</pre>")
+        return in_html(*self._tables())
 
-    def _printed(self, record: bool = False) -> Console:
-        console = Console(file=io.StringIO(), width=WIDTH, record=record, force_jupyter=False)
-        if self._results:
-            print_tables(self._results, console)
-        else:
-            console.print("no results yet")
-        return console
+    def _tables(self) -> list[RenderableType]:
+        return [table(group, NOTEBOOK_WIDTH) for group in by_task(self._results).values()] or ["no results yet"]
 
 
 class ResultsFile(Store):

@@ -21,7 +21,7 @@ from sins_env.evaluation.bound.bounds import Bound
 from sins_env.evaluation.estimators import version
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.play.records import Records
-from sins_env.evaluation.score.results import Results
+from sins_env.evaluation.show.drawn_results import DrawnResults as Results
 from sins_env.evaluation.speed.cost import Cost
 from sins_env.evaluation.store.database import Database
 from sins_env.evaluation.store.key import Key

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from sins_env import checks
 from sins_env.checks import refused, unknown
 from sins_env.envs import ENV_IDS
 from sins_env.evaluation.bound import bounds
@@ -25,11 +26,14 @@ from sins_env.evaluation.bound.bounds import Bound
 from sins_env.evaluation.tasks import suite
 from sins_env.evaluation.tasks.fingerprint import digest
 from sins_env.evaluation.tasks.task import EvaluationTask
+from sins_env.scenarios.key import TASK
 from sins_env.scenarios.scenario import Scenario, is_scenario
+from sins_env.scenarios.table import COMMON
 
 GROUP = "sins_env.tasks"  #: group of the entry points by which installed packages offer tasks
 BOUNDS = 3.0  #: thresholds that are left out, over the bound at the end
 STEP_DEG, STEP_ARCSEC = 0.1, 10.0  #: to which they are rounded up: azimuth, level
+SPANNED = {"rank_by", "score_from_s", "hold_s"}  #: fields that must fit the length of a run and what solvers return
 THRESHOLDS = ("delta_azimuth_deg", "delta_level_arcsec")
 
 Given = str | os.PathLike[str] | Mapping[str, Any] | EvaluationTask  #: a name, a file, a dict, or a task itself
@@ -105,6 +109,7 @@ def load(given: Given) -> EvaluationTask:
     scenario = Scenario.of(given)
     missing = [name for name in THRESHOLDS if name not in scenario.task]
     task = _task(scenario, **dict.fromkeys(missing, 1.0))
+    _check_score(scenario, task)
     if missing:
         found = bounds.find(task)
         if found is None or not np.isfinite(found.final).all():
@@ -117,6 +122,34 @@ def load(given: Given) -> EvaluationTask:
     if (wanted := scenario.task.get("digest")) and wanted != (now := digest(task)):
         raise scenario.place.error(("digest",), f"digest = {wanted!r}; allowed: {now}, that of the present world")
     return task
+
+
+def _check_score(scenario: Scenario, task: EvaluationTask) -> None:
+    """Check that what a scenario says of its score can be: quantities that solvers return, and spans within the run."""
+    there = {key.path: key.to.removeprefix(TASK) for key in COMMON if key.to.startswith(TASK)}
+    given = {path: scenario.task[name] for path, name in there.items() if name in SPANNED & scenario.task.keys()}
+    if not given:
+        return
+    if task.windows:  # the length of a recording is known when it is read
+        navigates, end, coarse = task.kwargs.get("mode") == "navigate", math.inf, 0.0
+    else:
+        env = task.make(1)
+        public = env.unwrapped.task  # type: ignore[attr-defined]
+        env.close()
+        navigates, end, coarse = public.navigate, public.duration_s, public.coarse_s
+    faults = {
+        "score.rank_by": "" if navigates or task.rank_by in ("azimuth", "failures") else "azimuth, failures",
+        "score.from_s": "" if navigates or not task.score_from_s else "0",
+        "score.hold_s": "" if task.hold_s <= end - coarse else f"at most {end - coarse:g}, the seconds that are scored",
+    }
+    if navigates and task.score_from_s >= end:
+        faults["score.from_s"] = f"less than {end:g}, the seconds of the run"
+    for path, allowed in faults.items():
+        if path in given and allowed:
+            why = "" if navigates or path == "score.hold_s" else ", for solvers return the attitude alone"
+            raise scenario.place.error(
+                tuple(path.split(".")), f"{path} = {checks.shown(given[path])}; allowed: {allowed}{why}"
+            )
 
 
 def _is_other(task: EvaluationTask) -> bool:

@@ -250,3 +250,12 @@ def test_labels_of_the_figure_do_not_overlap(cli, short, monkeypatch):
     assert len(boxes) > 12
     for i, a in enumerate(boxes):
         assert not any(a.overlaps(b) for b in boxes[:i])
+
+
+def test_a_notebook_shows_the_tables_and_the_figure(short, tmp_path):
+    found = bound(short, until="1deg", compare={"gps.rate_hz": [1]})
+    shown = found._repr_html_()
+    assert "1deg of azimuth" in shown
+    assert "gps.rate_hz = 1" in shown
+    assert found.plot(tmp_path / "a.png")._repr_png_()[:4] == (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
+    assert type(found.family["gps.rate_hz = 1"]) is type(found)

@@ -11,6 +11,7 @@ import pytest
 from evaluation.score import test_navigation
 from rich.console import Console
 
+import sins_env
 from sins_env.cli.output import save_figure
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.play.records import score
@@ -19,6 +20,7 @@ from sins_env.evaluation.score.consistency import Nees, nees_band
 from sins_env.evaluation.score.results import Results
 from sins_env.evaluation.show import cells, error_figure, numbers, plain_tables, terminal_tables
 from sins_env.evaluation.speed.cost import Cost
+from sins_env.evaluation.store.results_file import Board
 from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.units import ARCSEC
 
@@ -167,6 +169,8 @@ def test_number(value, text):
 def test_angle_and_seconds():
     assert numbers.angle_text(7200.0) == "7,200"
     assert numbers.angle_text(68400.0) == "19.0°"
+    assert numbers.angle_interval_text((6374.0, 23184.0), 10800.0) == "1.77°–6.44°"  # the unit is that of the value
+    assert numbers.angle_interval_text((6374.0, 10800.0), 9000.0) == "6374–10800"
     assert [numbers.seconds_text(value) for value in (0.1, 9.94, 10.0)] == ["0.1", "9.9", "10"]
     assert numbers.seconds_text(125.36) == "125"
     assert numbers.seconds_interval_text((100.0, math.inf)) == "> 100"
@@ -182,6 +186,14 @@ def test_figures(tmp_path):
     labels = [text.get_text() for text in figure.subfigs[0].legends[0].get_texts()]
     assert sorted(labels[:2]) == ["a", "b"]
     assert labels[2].startswith("threshold")
+
+
+def test_results_and_boards_draw_themselves(tmp_path):
+    made = results("ckf", 8000)
+    one = sins_env.Results(**{field.name: getattr(made, field.name) for field in dataclasses.fields(made)})
+    for drawn in (one, Board([one])):
+        assert "runs, shaded: 95 % intervals" in drawn.plot(tmp_path / "a.svg").subfigs[0].get_suptitle()
+        assert (tmp_path / "a.svg").read_text().startswith("<?xml")
 
 
 def test_nees_bands_of_the_footer_are_those_of_the_lines():
@@ -223,7 +235,8 @@ def test_a_narrow_terminal_gets_no_broken_intervals():
     found = [results(name, 8000, runs=100) for name in ("filterpy_ukf", "ckf")]
     text = text_of(terminal_tables.table(found, 80), 80)
     assert max(len(line.rstrip()) for line in text.splitlines()) <= 80
-    low, high = numbers.angle_interval_text([end / ARCSEC for end in found[0].verdict.score_ci]).split("–")
+    ends = [end / ARCSEC for end in found[0].verdict.score_ci]
+    low, high = numbers.angle_interval_text(ends, found[0].verdict.score / ARCSEC).split("–")
     assert f"{low}–{high}" in text
     assert f"{found[0].summary.rms_ci['E'][0]:.1f}–" not in text
     assert f"{found[0].summary.rms_ci['E'][0]:.1f}–" in text_of(terminal_tables.table(found, 130), 130)

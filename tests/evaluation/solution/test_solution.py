@@ -26,7 +26,7 @@ from sins_env.evaluation.play.errors import euler_errors
 from sins_env.evaluation.replay.consistency import judge
 from sins_env.evaluation.replay.replaying import replay
 from sins_env.evaluation.replay.told import sigma_of_angles
-from sins_env.evaluation.show.style import titled
+from sins_env.evaluation.show.rich_tables import titled
 from sins_env.evaluation.solution import aligning
 from sins_env.recordings import Gnss, Recording, Reference
 from sins_env.specs import IMU_PRESETS
