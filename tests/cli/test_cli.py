@@ -147,6 +147,11 @@ def test_describe_draws_a_flight(cli, tmp_path):
     assert (tmp_path / "own.png").stat().st_size > 10_000
 
 
+def test_describe_says_that_a_file_is_not_there(cli):
+    code, _, err = cli("describe", "boat.yaml")
+    assert (code, err) == (2, ["sins-env: no file 'boat.yaml'; allowed: the path of a scenario or a flight"])
+
+
 def test_describe_a_track(cli, tmp_path):
     """A table with places and no room for an IMU is a track, unless it has the mapping of a recording."""
     rows = "\n".join(f"{i},{i},{i * i / 50},0" for i in range(20))

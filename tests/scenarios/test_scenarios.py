@@ -217,7 +217,18 @@ def test_thresholds_that_are_left_out_follow_from_the_bound(file, monkeypatch):
 
 def test_every_task_can_be_written_as_a_file():
     """The way back from settings to keys, for each task of the suite, and for one that no file can hold."""
-    for task in catalogue.suite_tasks().values():
+    white = get_task("sway-white-v0")
+    own = {
+        "motion": {"roll": {"amplitude_deg": 3.0}},
+        "gps": {"rate_hz": 5, "outages_s": [[3, 5]]},
+        "heading_deg": None,
+    }
+    flown = {"profile": {"segments": [["cruise", 90]], "latitude_deg": 50.0, "longitude_deg": 8.0}}
+    tasks = [
+        dataclasses.replace(white, name="own-v0", kwargs=own),
+        dataclasses.replace(white, name="flown-v0", env_id="SINS/NavFlight-v0", kwargs=flown),
+    ]
+    for task in (*catalogue.suite_tasks().values(), *tasks):
         assert load(yaml.safe_load(yaml.safe_dump(scenario_of(task)))) == task
     with pytest.raises(ValueError, match="odd-v0: settings that no key of a scenario has"):
         scenario_of(dataclasses.replace(get_task("sway-white-v0"), name="odd-v0", kwargs={"reveal_truth": True}))

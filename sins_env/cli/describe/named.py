@@ -28,6 +28,7 @@ from sins_env.evaluation.tasks.catalogue import find, get_task
 from sins_env.evaluation.tasks.fingerprint import digest
 from sins_env.evaluation.tasks.task import EvaluationTask, suite_hash
 from sins_env.reading.datasheets import told
+from sins_env.reading.documents import YAML_ENDINGS
 from sins_env.sensors import aids
 from sins_env.sensors.gps import AGE, FIELDS, STD
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS, imu_spec
@@ -83,6 +84,8 @@ def describe(given: Namespace, console: Console) -> int:
         ":" in name or name in finding.names()
     ):  # last: the names of other packages take a process to list
         found = _solver(name, console)
+    if not found and Path(name).suffix.lower() in YAML_ENDINGS:
+        raise FileNotFoundError(f"no file {name!r}; allowed: the path of a scenario or a flight")
     if not found:
         described = [kind for title, kind in KINDS.items() if title != "tables"]
         raise unknown("name", name, dict.fromkeys(found for kind in described for found in kind.names()))

@@ -117,7 +117,11 @@ def scenario_of(task: EvaluationTask) -> dict[str, Any]:
 def _values_of(task: EvaluationTask, kind: MotionKind) -> Iterator[tuple[str, Any]]:
     """Yield the keys of a task that has this kind of motion, with their values."""
     defaults = {field.name: field.default for field in fields(task)}
-    for path, key in keys_of(kind).items():
+    known = keys_of(kind)
+    inner = {
+        around for key in known.values() if (around := kind.target(key).rpartition(".")[0])
+    }  # dicts with keys of their own
+    for path, key in known.items():
         to = kind.target(key)
         if path == "motion.kind":
             yield path, kind.name
@@ -129,7 +133,7 @@ def _values_of(task: EvaluationTask, kind: MotionKind) -> Iterator[tuple[str, An
             at: Any = task.kwargs
             for part in to.split("."):
                 at = at.get(part, _MISSING) if isinstance(at, Mapping) else _MISSING
-            if at is not _MISSING:
+            if at is not _MISSING and not (to in inner and isinstance(at, Mapping)):
                 words = [word for word, meant in key.words.items() if meant == at]
                 yield path, words[0] if words else _plain(at)
 
