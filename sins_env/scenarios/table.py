@@ -141,7 +141,7 @@ COMMON = (
     ),
     Key(
         "score.hold_s",
-        "least time that an error must stay within its threshold until the end",
+        "least time that an error must stay within its threshold until the end; left out, 60 s or half of what is scored",
         "task.hold_s",
         number(least=0.0, most=1e7),
     ),

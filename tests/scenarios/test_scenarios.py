@@ -207,7 +207,8 @@ def test_thresholds_that_are_left_out_follow_from_the_bound(file, monkeypatch):
     text = "\n".join(line for line in text.splitlines() if not line.startswith(("score", "digest")))
     monkeypatch.setattr(catalogue.bounds, "find", lambda task: bound)
     task = load(file(text))
-    assert (task.delta_azimuth_deg, task.delta_level_arcsec) == (0.7, 70.0)
+    assert (task.delta_azimuth_deg, task.delta_level_arcsec, task.hold_s) == (0.7, 70.0, 60.0)
+    assert load(file(text.replace("duration_s: 360", "duration_s: 40"))).hold_s == 20.0  # else no run could be aligned
     assert load(file(text + "\nscore: {azimuth_deg: 2}\n")).delta_azimuth_deg == 2
     monkeypatch.undo()
     recorded = file("motion: {kind: recording, file: x.npz}\n")

@@ -116,7 +116,9 @@ def scenario_of(task: EvaluationTask) -> dict[str, Any]:
 
 def _values_of(task: EvaluationTask, kind: MotionKind) -> Iterator[tuple[str, Any]]:
     """Yield the keys of a task that has this kind of motion, with their values."""
-    defaults = {field.name: field.default for field in fields(task)}
+    defaults = {
+        field.name: field.default for field in fields(task) if field.name != "hold_s"
+    }  # which depends on the run
     known = keys_of(kind)
     inner = {
         around for key in known.values() if (around := kind.target(key).rpartition(".")[0])

@@ -32,6 +32,7 @@ from sins_env.scenarios.table import COMMON
 
 GROUP = "sins_env.tasks"  #: group of the entry points by which installed packages offer tasks
 BOUNDS = 3.0  #: thresholds that are left out, over the bound at the end
+HOLD_PART = 0.5  #: largest part of the scored time for which an error must hold, if a scenario does not say how long
 STEP_DEG, STEP_ARCSEC = 0.1, 10.0  #: to which they are rounded up: azimuth, level
 SPANNED = {"rank_by", "score_from_s", "hold_s"}  #: fields that must fit the length of a run and what solvers return
 THRESHOLDS = ("delta_azimuth_deg", "delta_level_arcsec")
@@ -97,7 +98,7 @@ def load(given: Given) -> EvaluationTask:
     """Return the task of a scenario: a YAML or JSON file, or a dict; a task is returned as it is.
 
     Thresholds that it leaves out are three times the Cramer-Rao bound at the end, rounded up to 0.1 deg and 10 arcsec. The
-    bound takes seconds, once.
+    bound takes seconds, once. An error must hold for 60 s, or for half of what is scored if that is less.
 
     Raises:
         ValueError: what is no scenario (the error has the line), a name that a task of the suite has, another digest than
@@ -109,14 +110,17 @@ def load(given: Given) -> EvaluationTask:
     scenario = Scenario.of(given)
     missing = [name for name in THRESHOLDS if name not in scenario.task]
     task = _task(scenario, **dict.fromkeys(missing, 1.0))
-    _check_score(scenario, task)
+    scored_s = _check_score(scenario, task)
+    if "hold_s" not in scenario.task:
+        task = replace(task, hold_s=min(task.hold_s, HOLD_PART * scored_s))
     if missing:
         found = bounds.find(task)
         if found is None or not np.isfinite(found.final).all():
             what = "score.azimuth_deg and score.level_arcsec are missing, and there is no bound from which they would follow"
             raise scenario.place.error(("score",), f"{what}; allowed: both")
         derived = thresholds(found)
-        task = _task(scenario, **{name: derived[name] for name in missing})
+        for name in missing:
+            task = replace(task, **{name: derived[name]})  # type: ignore[arg-type]
     if _is_other(task):
         raise scenario.place.error(("name",), f"name = {task.name!r}, which a task of the suite has; allowed: another")
     if (wanted := scenario.task.get("digest")) and wanted != (now := digest(task)):
@@ -124,12 +128,13 @@ def load(given: Given) -> EvaluationTask:
     return task
 
 
-def _check_score(scenario: Scenario, task: EvaluationTask) -> None:
-    """Check that what a scenario says of its score can be: quantities that solvers return, and spans within the run."""
+def _check_score(scenario: Scenario, task: EvaluationTask) -> float:
+    """Check that what a scenario says of its score can be: quantities that solvers return, and spans within the run.
+
+    Returns the time that is scored, s; infinity for a recording.
+    """
     there = {key.path: key.to.removeprefix(TASK) for key in COMMON if key.to.startswith(TASK)}
     given = {path: scenario.task[name] for path, name in there.items() if name in SPANNED & scenario.task.keys()}
-    if not given:
-        return
     if task.windows:  # the length of a recording is known when it is read
         navigates, end, coarse = task.kwargs.get("mode") == "navigate", math.inf, 0.0
     else:
@@ -150,6 +155,7 @@ def _check_score(scenario: Scenario, task: EvaluationTask) -> None:
             raise scenario.place.error(
                 tuple(path.split(".")), f"{path} = {checks.shown(given[path])}; allowed: {allowed}{why}"
             )
+    return end - coarse
 
 
 def _is_other(task: EvaluationTask) -> bool:
