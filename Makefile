@@ -16,7 +16,7 @@ board: $(STAMP)  ## four filters align a swaying SINS: ranked table and figure
 	$(BIN)/sins-env eval --task sway-white-v0 --solver kf ekf ukf ckf --runs 200 --db results.sqlite --resume --plot board.png
 
 test: $(STAMP)  ## every test
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 3 --dist worksteal  # one more than cores, for some tests wait
 
 check: lint types tests  ## what CI runs: ruff, mypy, tests (examples and README blocks are among them)
 
