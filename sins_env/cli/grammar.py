@@ -252,12 +252,7 @@ def _hold_against(verb: Verb) -> None:
     sub.add_argument("--stride", type=float, metavar="S", help="as many windows as fit, each so much later")
     sub.add_argument("--mode", metavar="NAME", help="align (default), or navigate: velocity and position too")
     sub.add_argument("--coarse", type=float, metavar="S", help="coarse phase (default 90 s, 60 s to navigate)")
-    sub.add_argument("--epoch", type=float, metavar="S", help="navigation epoch (default 0.1 s)")
-    _add_bridge(sub)
-    _add_sensors(sub)
-    text = "withhold the fixes of these seconds of the window; may be repeated"
-    _add_spans(sub, "--outage", ("START", "END"), text)
-    _add_accept(sub)
+    _add_played(sub, "withhold the fixes of these seconds of the window; may be repeated")
     sub.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of solvers that draw (default 0)")
     _add_settings(sub)
     _add_timeout(sub)
@@ -330,6 +325,15 @@ def _solve(verb: Verb) -> None:
     _add_solution(verb("align", "verbs.solutions:align", text, _SOLUTION_CODES))
 
 
+def _add_played(sub: argparse.ArgumentParser, outage: str) -> None:
+    """Add how a recording is played: epochs, gaps, sensors, fixes that are withheld, and findings that are accepted."""
+    sub.add_argument("--epoch", type=float, metavar="S", help="navigation epoch (default 0.1 s)")
+    _add_bridge(sub)
+    _add_sensors(sub)
+    _add_spans(sub, "--outage", ("START", "END"), outage)
+    _add_accept(sub)
+
+
 def _add_solution(sub: argparse.ArgumentParser) -> None:
     """Add the options of a verb that makes a solution."""
     sub.add_argument("recording", metavar="FILE", help="of any format, or the mapping (.json) of one")
@@ -338,12 +342,9 @@ def _add_solution(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--window", type=moment, nargs=2, metavar=("START", "LENGTH"), help=text)
     text = "coarse phase, at rest (default 0 with the recommended solver, else that of replay)"
     sub.add_argument("--coarse", type=float, metavar="S", help=text)
-    sub.add_argument("--epoch", type=float, metavar="S", help="navigation epoch (default 0.1 s)")
-    _add_bridge(sub)
-    _add_sensors(sub)
-    text = "withhold the fixes of these seconds of the window, and judge the solution by them; may be repeated"
-    _add_spans(sub, "--outage", ("START", "END"), text)
-    _add_accept(sub)
+    _add_played(
+        sub, "withhold the fixes of these seconds of the window, and judge the solution by them; may be repeated"
+    )
     _add_out(sub)
     sub.add_argument("--figure", metavar="FILE", help="draw track or angles, innovations in their band, and sigmas")
     sub.add_argument("--json", action="store_true", help="the summary as JSON, with what was found")

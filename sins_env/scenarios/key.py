@@ -102,6 +102,11 @@ def one_of(*names: str) -> Check:
     return check
 
 
+def nameless(check: Callable[..., Any], *more: Any) -> Check:
+    """Return the check of a setting or a specification that is checked by its own code, which knows its name."""
+    return lambda name, given: check(given, *more)
+
+
 def number(**limits: Any) -> Check:
     """Return the check of a number within limits."""
     return partial(checks.number, **limits)

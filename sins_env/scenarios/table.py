@@ -9,7 +9,7 @@ from typing import Any
 from sins_env import checks
 from sins_env.earth import EARTHS
 from sins_env.prior import PRIORS
-from sins_env.scenarios.key import Key, number, one_of, text, whole
+from sins_env.scenarios.key import Key, nameless, number, one_of, text, whole
 from sins_env.scenarios.motions import KINDS, MotionKind
 from sins_env.sensors import aids
 from sins_env.specs import gps_spec, imu_spec
@@ -27,49 +27,10 @@ def _name(name: str, given: Any) -> str:
     return given
 
 
-def _imu(name: str, given: Any) -> Any:
-    imu_spec(given)
-    return given
-
-
-def _gps(name: str, given: Any) -> Any:
-    gps_spec(given)
-    return given
-
-
 def _aids(name: str, given: Any) -> Any:
     on = {one: spec for one, spec in given.items() if spec != "off"} if isinstance(given, Mapping) else given
     aids.specs(on)
     return given
-
-
-def _fix_std(name: str, given: Any) -> Any:
-    ReceiverStd.made(given)
-    return given
-
-
-def _misalignment(name: str, given: Any) -> Any:
-    return settings.check_misalignment(given, "told")
-
-
-def _heading(name: str, given: Any) -> Any:
-    return settings.check_heading(given)
-
-
-def _epoch(name: str, given: Any) -> float:
-    return settings.check_epoch(given)
-
-
-def _duration(name: str, given: Any) -> float:
-    return settings.check_duration(given, 0.0)
-
-
-def _samples(name: str, given: Any) -> int:
-    return settings.check_samples(given)
-
-
-def _coarse(name: str, given: Any) -> float:
-    return settings.check_coarse(given, "unknown", 0.0)
 
 
 COMMON = (
@@ -84,17 +45,29 @@ COMMON = (
         "site.heading_deg",
         "mean heading, clockwise from north; any: drawn in each run; a list: run i takes item i, again and again",
         "heading_deg",
-        _heading,
+        nameless(settings.check_heading),
         {"any": None},
     ),
     Key("site.earth", "model of the Earth", "earth", one_of(*EARTHS)),
-    Key("imu", "errors of the inertial sensors: a preset, or a dict of fields with or without a preset", "imu", _imu),
-    Key("gps", "errors of the fixes: a preset, or a dict of fields with or without a preset", "gps", _gps),
+    Key(
+        "imu",
+        "errors of the inertial sensors: a preset, or a dict of fields with or without a preset",
+        "imu",
+        nameless(imu_spec),
+    ),
+    Key(
+        "gps", "errors of the fixes: a preset, or a dict of fields with or without a preset", "gps", nameless(gps_spec)
+    ),
     Key("aids", "further sensors: a dict with a preset or a dict of fields for each", "aids", _aids),
     Key(
         "start.kind", "told: the start is told with errors; unknown: solvers find it", "start", one_of(*settings.STARTS)
     ),
-    Key("start.coarse_s", "coarse phase of an unknown start; 0: solvers begin at switch-on", "coarse", _coarse),
+    Key(
+        "start.coarse_s",
+        "coarse phase of an unknown start; 0: solvers begin at switch-on",
+        "coarse",
+        nameless(settings.check_coarse, "unknown", 0.0),
+    ),
     Key(
         "start.attitude_std_deg", "1 sigma of a told attitude, E, N, U", "attitude_std_deg", settings.check_attitude_std
     ),
@@ -104,22 +77,27 @@ COMMON = (
         "start.misalignment_deg",
         "a misalignment E, N, U that is the same in every run instead of drawn",
         "misalignment_deg",
-        _misalignment,
+        nameless(settings.check_misalignment, "told"),
     ),
     Key("start.any_heading", "whether the told heading is drawn over the circle", "any_heading", checks.flag),
     Key("start.errors", "fixed: misalignment and biases are + 1 sigma in every run", "errors", one_of(*ERRORS)),
-    Key("told.imu", "what solvers are told of the IMU where it differs from imu", "told.imu", _imu),
-    Key("told.gps", "what solvers are told of the fixes where it differs from gps", "told.gps", _gps),
-    Key("told.fix_std", "how the standard deviations that a receiver states are used", "fix_std", _fix_std),
+    Key("told.imu", "what solvers are told of the IMU where it differs from imu", "told.imu", nameless(imu_spec)),
+    Key("told.gps", "what solvers are told of the fixes where it differs from gps", "told.gps", nameless(gps_spec)),
+    Key(
+        "told.fix_std",
+        "how the standard deviations that a receiver states are used",
+        "fix_std",
+        nameless(ReceiverStd.made),
+    ),
     Key(
         "told.prior",
         "matched: the prior states what is drawn; thesis: that of 000 section 2.5.4",
         "prior",
         one_of(*PRIORS),
     ),
-    Key("epoch_s", "time from one estimate to the next", "epoch", _epoch),
-    Key("samples_per_epoch", "IMU samples in an epoch", "n_sub", _samples),
-    Key("duration_s", "length of a run, with the coarse phase", "duration", _duration),
+    Key("epoch_s", "time from one estimate to the next", "epoch", nameless(settings.check_epoch)),
+    Key("samples_per_epoch", "IMU samples in an epoch", "n_sub", nameless(settings.check_samples)),
+    Key("duration_s", "length of a run, with the coarse phase", "duration", nameless(settings.check_duration, 0.0)),
     Key(
         "navigate",
         "whether a solver of a recording returns velocity and position, too",

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -171,9 +172,9 @@ def mcnemar(a: Mask, b: Mask) -> float:
     return min(1.0, 2.0 * float(special.bdtr(min(only_a, only_b), runs, 0.5))) if runs else 1.0
 
 
-def fails_more(a: Mask, b: Mask) -> tuple[bool, bool]:
-    """Return whether a is told to fail more often than b in the same runs (R,), and b more often than a."""
-    told, more = mcnemar(a, b) <= LEVEL, int(a.sum()) - int(b.sum())
+def fails_more(a: Mask, b: Mask, level: float = LEVEL) -> tuple[bool, bool]:
+    """Return whether a is told to fail more often than b in the same runs (R,), and b more often than a, two-sided."""
+    told, more = mcnemar(a, b) <= level, int(a.sum()) - int(b.sum())
     return told and more > 0, told and more < 0
 
 
@@ -224,9 +225,10 @@ def beaten_by(losses: Array, failed: Mask, level: float = LEVEL) -> Array:
         ]
     )
     scores = np.where(0.5 * apart <= least, np.sign(gap), 0.0)
-    fails = np.array(
-        [[np.sign(int(a.sum()) - int(b.sum())) * (0.5 * mcnemar(a, b) <= least) for b in failed.T] for a in failed.T]
-    )
+    fails = np.zeros_like(gap)
+    for i, j in combinations(range(count), 2):
+        more, less = fails_more(failed[:, i], failed[:, j], 2.0 * least)
+        fails[i, j], fails[j, i] = more - less, less - more
     worse = (scores + fails > 0.0) & (scores >= 0.0) & (fails >= 0.0)
     out: Array = worse.sum(axis=1)
     return out

@@ -5,10 +5,10 @@ These are notes: the data are used as the text says.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from sins_env.recordings.findings.finding import Finding
-from sins_env.recordings.recording import Recording, first_few, seconds
+from sins_env.recordings.recording import Gap, Recording, first_few, seconds
 
 MOST_JITTER = 0.05  #: RMS of stamps about the clock, in samples, from which on it is told
 
@@ -39,13 +39,8 @@ def bridged_gaps(recording: Recording) -> Iterator[Finding]:
     """Tell gaps that were filled with interpolated increments."""
     gaps = recording.bridged
     if gaps:
-        longest = max(gap.end - gap.start for gap in gaps)
-        times = first_few([f"{seconds(gap.start)} s" for gap in gaps])
-        text = (
-            f"{sum(gap.samples for gap in gaps)} samples are missing in {len(gaps)} gaps of up to {_short(longest)} (from "
-            f"{times}), bridged by interpolated increments"
-        )
-        span = (gaps[0].start, gaps[-1].end)
+        longest, missing, span = _missing(gaps)
+        text = f"{missing}, bridged by interpolated increments"
         yield Finding("bridged", 1e3 * longest, 0, "ms", span, text, False)
 
 
@@ -53,13 +48,18 @@ def long_gaps(recording: Recording) -> Iterator[Finding]:
     """Tell gaps that are not bridged: no window spans them."""
     gaps = recording.gaps
     if gaps:
-        longest = max(gap.end - gap.start for gap in gaps)
-        times = first_few([f"{seconds(gap.start)} s" for gap in gaps])
-        text = (
-            f"{sum(gap.samples for gap in gaps)} samples are missing in {len(gaps)} gaps of up to {_short(longest)} (from "
-            f"{times}), which split the recording; a longer bridge fills them, at the risk of what happened there"
-        )
-        yield Finding("gaps", longest, 0, "s", (gaps[0].start, gaps[-1].end), text, False)
+        longest, missing, span = _missing(gaps)
+        text = f"{missing}, which split the recording; a longer bridge fills them, at the risk of what happened there"
+        yield Finding("gaps", longest, 0, "s", span, text, False)
+
+
+def _missing(gaps: Sequence[Gap]) -> tuple[float, str, tuple[float, float]]:
+    """Return the length of the longest gap in s, what is missing in words, and the span from the first gap to the last."""
+    longest = max(gap.end - gap.start for gap in gaps)
+    times = first_few([f"{seconds(gap.start)} s" for gap in gaps])
+    samples = sum(gap.samples for gap in gaps)
+    text = f"{samples} samples are missing in {len(gaps)} gaps of up to {_short(longest)} (from {times})"
+    return longest, text, (gaps[0].start, gaps[-1].end)
 
 
 def _short(t: float) -> str:
