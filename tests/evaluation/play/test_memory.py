@@ -13,7 +13,7 @@ _EVALUATION = """
 import dataclasses, resource, sys
 from sins_env.evaluation import evaluate, get_task
 task = get_task("sway-white-v0")
-kwargs = {**task.kwargs, "duration": float(sys.argv[1]), "n_sub": 6}
+kwargs = {**task.kwargs, "duration": float(sys.argv[1]), "n_sub": 2}
 found = evaluate(dataclasses.replace(task, kwargs=kwargs, hold_s=5.0), "evaluation.plugins:Told", 256,
                  workers=1, chunk=256, cost=False)
 assert len(found.records) == 256
@@ -35,4 +35,4 @@ def peak(duration_s):
 def test_memory_does_not_grow_with_the_duration():
     short, long = peak(60.0), peak(240.0)
     assert long < 1024 * MIB
-    assert long - short < 8 * MIB  # errors kept at every epoch would be 10, observations 600
+    assert long - short < 8 * MIB  # errors kept at every epoch would be 10, observations 200

@@ -158,7 +158,7 @@ def worst_gain(flt, missing=(), seconds=1.0, n=3, T=40):
 
 def least(setting, low, high, **case):
     """The least value of ``setting`` with which the filter exists, to a part in thousands, by bisection of its logarithm."""
-    for _ in range(16):
+    for _ in range(12):
         middle = math.sqrt(low * high)
         try:
             worst_gain(make_filter("hinf_kf", on_failure="error", cap=1e9, **{setting: middle}), **case)
