@@ -11,9 +11,9 @@ from typing import Any
 from sins_env import checks
 from sins_env.recordings import accepted
 from sins_env.scenarios.key import Key, number, one_of, whole
+from sins_env.trajectory.oscillations import AXES, MOTIONS, TURNS, components_of, sea
 from sins_env.trajectory.plan import MAX_SPEED_MPS
 from sins_env.trajectory.segments import Segment
-from sins_env.trajectory.sway import AXES, MOTIONS, TURNS, components_of, sea
 from sins_env.trajectory.track import BANKS, TABLE_FILES, TrackPlan
 from sins_env.worlds.flight import FlightSettings
 from sins_env.worlds.profiles import PROFILES, flight_profile

@@ -9,7 +9,7 @@ from sins_env import checks, earth
 from sins_env.arrays import Rngs
 from sins_env.sensors.gps import Gps
 from sins_env.trajectory import STILL, THESIS, Sway, SwayMotion
-from sins_env.trajectory.sway import MOTIONS
+from sins_env.trajectory.oscillations import MOTIONS
 from sins_env.types import NavState
 from sins_env.worlds.settings import SimulationSettings
 from sins_env.worlds.simulated import BaseWorld
