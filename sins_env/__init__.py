@@ -16,7 +16,7 @@ Symbols x P F Q H R K S stand for themselves inside the mathematics. The source 
 misprints. The frames and errors are those of docs/mathematics/frames.md.
 
 Read the ground floor first: ``units``, ``types``, ``attitude``, ``earth``, ``specs``, ``presets``, ``prior``, ``motion``.
-Then follow the data: ``trajectory``, ``sensors``, ``recordings``, ``worlds``, ``envs``, ``evaluation``, ``cli``.
+Then follow the data: ``trajectory``, ``sensors``, ``recordings``, ``worlds``, ``envs``, ``evaluation``, ``learning``, ``cli``.
 
 Importing this package registers the environments of :mod:`sins_env.envs` with Gymnasium, but does not import Gymnasium.
 In either order of the two imports ``gymnasium.make("SINS/AlignSway-v0")`` works afterwards.
@@ -58,6 +58,7 @@ if _TYPES:
     from sins_env.evaluation.solution.navigating import navigate
     from sins_env.evaluation.solution.solution import Solution
     from sins_env.evaluation.store.results_file import ResultsFile as Store
+    from sins_env.learning.dataset import dataset
     from sins_env.prior import Prior
     from sins_env.specs import GPS_PRESETS, IMU_PRESETS, GpsSpec, ImuSpec
     from sins_env.types import Estimator, NavState, Observation, Site, Task
@@ -79,6 +80,7 @@ __all__ = [
     "Task",
     "bound",
     "compare",
+    "dataset",
     "evaluate",
     "navigate",
     "tasks",
@@ -91,6 +93,7 @@ _MODULES = {
     "Store": "evaluation.store.results_file:ResultsFile",
     "bound": "evaluation.planning.family",
     "compare": "evaluation.score.paired",
+    "dataset": "learning.dataset",
     "evaluate": "evaluation.monte_carlo",
     "Solution": "evaluation.solution.solution",
     "navigate": "evaluation.solution.navigating",

@@ -76,6 +76,10 @@ _BOUND = (
     "The Cramer-Rao bound: no estimator without knowledge of the motion has smaller errors. Shares are those of the variance under "
     "the optimal gain, and add up to 100 %. An accuracy is 0.1deg (azimuth), 0.05m/s, 2m, or level=20arcsec, height=1m."
 )
+_DATASET = (
+    "Arrays have an axis for runs and one for epochs: docs/learning.md lists them. The file appears whole or not at all, and the "
+    "same command makes the same bits."
+)
 _LIST = "Without KIND, what there is by name on one screen."
 
 #: Function that adds a verb. It takes the name, the function as ``module:name``, the help text, and a text below the options.
@@ -101,6 +105,7 @@ def parser() -> Parser:
     _publish(verb)
     _hold_against(verb)
     _solve(verb)
+    _learn(verb)
     return top
 
 
@@ -310,7 +315,7 @@ def _hold_against(verb: Verb) -> None:
     _add_timeout(sub)
 
     text = "compile the kernels beforehand, which otherwise happens when each is used first"
-    verb("warm", "verbs.warm:warm", text)
+    verb("warm", "verbs.bench:warm", text)
 
 
 def _solve(verb: Verb) -> None:
@@ -323,6 +328,21 @@ def _solve(verb: Verb) -> None:
 
     text = "heading, pitch and roll of a base at rest with their sigmas, and how they converged"
     _add_solution(verb("align", "verbs.solutions:align", text, _SOLUTION_CODES))
+
+
+def _learn(verb: Verb) -> None:
+    """Add the verb that writes data sets."""
+    text = "observations and truth of simulated runs to learn from, which no suite can have"
+    sub = verb("dataset", "verbs.dataset:dataset", text, _DATASET)
+    sub.add_argument("task", metavar="TASK", help=_TASK)
+    sub.add_argument("--runs", type=count, required=True, metavar="N", help="number of runs")
+    text = "a file that ends in .npz, or minari:ID for a local dataset of Minari"
+    sub.add_argument("--out", required=True, metavar="FILE", help=text)
+    sub.add_argument("--seed", type=number, default=0, metavar="N", help="seed of the data set (default 0)")
+    text = "increments of an epoch, sums of neighbours (default: all of the task)"
+    sub.add_argument("--samples", type=count, metavar="N", help=text)
+    text = "parts of train, validation and test (default 8 1 1)"
+    sub.add_argument("--splits", type=number, nargs=3, default=[8, 1, 1], metavar=("A", "B", "C"), help=text)
 
 
 def _add_played(sub: argparse.ArgumentParser, outage: str) -> None:

@@ -1,4 +1,4 @@
-"""The verb ``bench``: speed of the whole chain and of its parts."""
+"""Verbs of speed: bench measures the whole chain and its parts, warm compiles the kernels beforehand."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from typing import Any
 from rich.console import Console
 
 from sins_env.cli.output import RunFailed, remark
-from sins_env.evaluation.estimators import isolation
+from sins_env.evaluation.estimators import isolation, offers
 from sins_env.evaluation.estimators.guard import EstimatorError, Refusal
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.show.rich_tables import titled
 from sins_env.evaluation.speed import bench as speed
+from sins_env.kernels.compiling import Kernel, cache_folder
+from sins_env.kernels.warming import compile_all, import_kernels
 
 
 def bench(given: Namespace, console: Console) -> int:
@@ -69,3 +71,20 @@ def _measured(apart: bool) -> str:
     """Return the caption, which tells what the times measure."""
     text = "CPU time, one thread, fine phase; median over blocks of epochs"
     return f"{text}; the estimator's in a process of its own, with the way there and back" if apart else text
+
+
+def warm(given: Namespace, console: Console) -> int:
+    """Compile every kernel of this project that is not in the cache, and say where the cache is and how long it took."""
+    packages = {"sins_env", *(offers.package_of(point) for point in offers.points()[0])}
+    kernels = import_kernels(sorted(packages))
+    waiting = [one for one in kernels if one.cold]
+
+    def show(done: int, total: int, one: Kernel) -> None:
+        remark(f"{done + 1} of {total}: {one.__module__}.{one.__qualname__}")
+
+    seconds = compile_all(waiting, show)
+    where = f"{len(kernels)} kernels in {cache_folder()}"
+    console.print(
+        f"{where}, {len(waiting)} of them compiled in {seconds:.1f} s of CPU time", soft_wrap=True, highlight=False
+    )
+    return 0

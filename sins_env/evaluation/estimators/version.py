@@ -13,7 +13,7 @@ from sins_env.evaluation.estimators import finding, offers
 
 WORLD = Path(__file__).parents[2]  #: folder of the package ``sins_env``
 #: Parts of the package that do not decide scores, except the folders SCORING. All other parts make the world.
-APART = ("cli", "evaluation", "writing")
+APART = ("cli", "evaluation", "learning", "wrappers", "writing")
 #: Folders of the evaluation that decide what a row holds: seeds and starts of runs, calls of an estimator, playing and
 #: scoring of runs, and the bound. The other folders only use rows.
 SCORING = ("tasks", "estimators", "play", "bound")

@@ -86,11 +86,14 @@ class EvaluationTask:
         Raises:
             ValueError: a seed that is not a whole number, or is negative.
         """
-        options = {"window": list(runs)} if self.windows else None
-        if self.records:
-            options = {"record": [run % self.records for run in runs]}
         seeds: Any = [run_seed(self, run, suite_seed) for run in runs]
-        return env.reset(seed=seeds, options=options)
+        return env.reset(seed=seeds, options=self.options(runs))
+
+    def options(self, runs: Sequence[int]) -> dict[str, Any] | None:
+        """Return the reset options with which an environment plays the windows or records of these runs."""
+        if self.records:
+            return {"record": [run % self.records for run in runs]}
+        return {"window": list(runs)} if self.windows else None
 
 
 def is_scored(env: VectorEnv[Any, Any, Any]) -> bool:
@@ -125,7 +128,12 @@ _SEEDS = "allowed: a whole number that is not negative"
 def seed_sequence(task: EvaluationTask, suite_seed: int | None, *key: int) -> np.random.SeedSequence:
     """Return the seed sequence of a task in a suite, for numbers such as that of the run."""
     seed = _seed(task, suite_seed)
-    return np.random.SeedSequence(seed, spawn_key=(zlib.crc32((task.seeds_of or task.name).encode()), *key))
+    return np.random.SeedSequence(seed, spawn_key=(zlib.crc32(seed_name(task).encode()), *key))
+
+
+def seed_name(task: EvaluationTask) -> str:
+    """Return the name of the task from which the run seeds follow."""
+    return task.seeds_of or task.name
 
 
 def _seed(task: EvaluationTask, suite_seed: int | None) -> int:
