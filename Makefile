@@ -9,8 +9,9 @@ export OPENBLAS_NUM_THREADS ?= 1
 # every process reads compiled files: the tests start many
 unexport PYTHONDONTWRITEBYTECODE
 N ?= 10000
+GALLERY ?= 1
 
-.PHONY: board test check lint types tests fuzz bench reproduce leaderboard clean
+.PHONY: board test check lint types tests docs fuzz bench reproduce leaderboard clean
 
 board: $(STAMP)  ## four filters align a swaying SINS: ranked table and figure
 	$(BIN)/sins-env eval --task sway-white-v0 --solver kf ekf ukf ckf --runs 200 --db results.sqlite --resume --plot board.png
@@ -28,6 +29,10 @@ types: $(STAMP)
 	$(BIN)/mypy
 
 tests: test
+
+docs: $(VENV)/docs  ## the site, build/site/index.html, with the gallery run; GALLERY=0 shows the examples and does not run them
+	rm -rf build/site
+	$(BIN)/sphinx-build -W --keep-going -q -c docs -d build/doctrees -D plot_gallery=$(GALLERY) . build/site
 
 fuzz: $(STAMP)  ## N inputs of strangers, of all kinds, on all cores: a table, and the inputs that fail as code
 	PYTHONPATH=tests $(BIN)/python -m fuzz $(N)
@@ -50,6 +55,10 @@ $(STAMP): pyproject.toml
 	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --editable ".[dev]"
 	@echo "Compiling the kernels: half a minute, once."
 	$(BIN)/sins-env warm
+	touch $@
+
+$(VENV)/docs: $(STAMP)
+	PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --editable ".[docs]"
 	touch $@
 
 clean:

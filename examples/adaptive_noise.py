@@ -1,4 +1,7 @@
-"""The process noise that adaptive filters estimate, on a task that tells a wrong noise.
+"""Process noise that adaptive filters estimate
+============================================
+
+Adaptive filters on a task that tells a wrong noise, and the noise that they find.
 
 The told variance of the velocity noise is a million times too large, that of the attitude noise 30 times too small. The told GPS
 is ten times worse than the true one. With an R that is too large every innovation looks small, so the filter lowers all of Q to

@@ -1,4 +1,7 @@
-"""A car without GPS: what an odometer, its non-holonomic constraint and a barometer are worth.
+"""A car without GPS, with aiding sensors
+======================================
+
+What an odometer, its non-holonomic constraint and a barometer are worth while there is no GPS::
 
     python examples/aids_of_a_car.py                # 100 s with GPS, then 60 s without
     python examples/aids_of_a_car.py --outage 120 --solver gsf_imm

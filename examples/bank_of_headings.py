@@ -1,7 +1,10 @@
-"""What the recommended solver holds possible: headings, noises of the IMU and regimes of the fixes, as a figure over time.
+"""What the recommended solver holds possible
+==========================================
 
-python examples/bank_of_headings.py                                  # bank.png: a swaying base, any heading
-python examples/bank_of_headings.py --task sway-jump-v0 --seconds 360
+Headings, noises of the IMU and regimes of the fixes, as a figure over time::
+
+    python examples/bank_of_headings.py                                  # bank.png: a swaying base, any heading
+    python examples/bank_of_headings.py --task sway-jump-v0 --seconds 360
 """
 
 import argparse

@@ -1,4 +1,8 @@
-"""How must an aircraft fly so that its sensors find the heading? The bound of two tracks answers before anybody takes off."""
+"""Before a trip
+=============
+
+How must an aircraft fly so that its sensors find the heading? The bound of two tracks answers before anybody takes off.
+"""
 
 import csv
 import sys

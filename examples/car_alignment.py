@@ -1,4 +1,7 @@
-"""People disturb a parked car while it is aligned: the effect on the heading, beside the same car left alone.
+"""People disturb a parked car
+===========================
+
+The effect on the heading while it is aligned, beside the same car left alone.
 
 A person gets in before the filters have converged, and out after that. Both cars of a pair have the same sensors and the same
 noise, so only the disturbance makes them differ. The table 6.interference of ``sins-env reproduce`` has more kinds of

@@ -1,4 +1,8 @@
-"""The EKF beside the CKF on the same 64 runs, in one batch of the vector environment: errors and a figure."""
+"""The EKF beside the CKF on the same runs
+=======================================
+
+Both filters take 64 runs in one batch of the vector environment: errors and a figure.
+"""
 
 import argparse
 

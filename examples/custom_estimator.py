@@ -1,6 +1,9 @@
-"""Your own estimator: gyro dead reckoning from the told attitude, checked, run, and compared with the cubature Kalman filter.
+"""An estimator of your own
+========================
 
-sins-env eval --task sway-white-v0 --solver examples.custom_estimator:DeadReckoning ckf --runs 20
+Gyro dead reckoning from the told attitude is checked, run, and compared with the cubature Kalman filter. In one command::
+
+    sins-env eval --task sway-white-v0 --solver examples.custom_estimator:DeadReckoning ckf --runs 20
 """
 
 import argparse

@@ -1,4 +1,8 @@
-"""The bare loop of the environment: a swaying base, and the trivial estimate that the attitude stays as told."""
+"""The bare loop of the environment
+================================
+
+A swaying base, and the trivial estimate that the attitude stays as told.
+"""
 
 import gymnasium
 

@@ -1,4 +1,7 @@
-"""A minute without GPS: how far does an INS drift after a filter has calibrated it?
+"""A minute without GPS
+====================
+
+How far does an INS drift after a filter has calibrated it? ::
 
     python examples/gps_outage.py                                      # two flights, 16 runs
     python examples/gps_outage.py --all --runs 50 --solver ckf inekf   # every flight

@@ -1,8 +1,11 @@
-"""My recording in five minutes: from a foreign CSV to a track on a map, with what the solution says against itself.
+"""My recording in five minutes
+============================
+
+From a foreign CSV to a track on a map, with what the solution says against itself.
 
 A drive is simulated and written as an instrument might: two CSV files, milliseconds, deg/s and g, axes forward, right, down, and
 velocities north, east, down. From there on it is a file of your own. A mapping says what the columns are, the file is checked
-against itself, and the recommended solver navigates it. On the command line the same is
+against itself, and the recommended solver navigates it. On the command line the same is::
 
     sins-env describe drive.json
     sins-env navigate drive.json --imu tactical --out drive.csv --out drive.kml --figure drive.png

@@ -1,7 +1,10 @@
-"""Three tasks of one's own from files: a ferry, a tractor with an odometer, and a drone at switch-on.
+"""Three scenarios from files
+==========================
 
-python examples/own_scenarios.py                          # all of examples/scenarios, in a minute
-python examples/own_scenarios.py mine.yaml --solver gsf_imm --runs 5
+A ferry, a tractor with an odometer, and a drone at switch-on::
+
+    python examples/own_scenarios.py                          # all of examples/scenarios, in a minute
+    python examples/own_scenarios.py mine.yaml --solver gsf_imm --runs 5
 """
 
 import argparse

@@ -1,6 +1,9 @@
-"""Examples 1 and 2 of Zhao et al. (2010), document 002: does the adaptive filter find the noise if it is told a wrong one?
+"""Examples 1 and 2 of Zhao et al. (2010)
+======================================
 
-The printed system explodes, so this is its bounded form with |x2 x3|. The filter "as printed" has the recursion of the paper.
+Does the adaptive filter of document 002 find the noise if it is told a wrong one?
+
+The printed system explodes, so this is its bounded form with ``|x2 x3|``. The filter "as printed" has the recursion of the paper.
 The filter "safeguarded" counts the told noise as 20 fixes, damps what a single fix may say, and bounds the estimate.
 See docs/mathematics/filters.md#benchmark-of-002.
 """

@@ -1,4 +1,7 @@
-"""Points that fill space evenly, and their value to a Gaussian particle filter: two figures.
+"""Points that fill space evenly
+=============================
+
+What such points are worth to a Gaussian particle filter, in two figures.
 
 The first shows pseudo-random beside randomised quasi-random points, uniform and Gaussian, as figures 5.2 and 5.3 of the thesis
 do. The second shows the error of one filter step against the exact result of the Kalman filter.

@@ -1,4 +1,7 @@
-"""An unscented Kalman filter of a unit quaternion and a gyro bias, in the filter's own text for vectors.
+"""An unscented Kalman filter of a unit quaternion
+===============================================
+
+Attitude and gyro bias, in the filter's own text for vectors.
 
 The state has seven numbers and six degrees of freedom. A chart says how a tangent vector of six leads from one state to another,
 and `OnManifold` lets any filter of the zoo work in these tangents. The fixes are the directions of gravity and of the magnetic

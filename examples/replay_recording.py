@@ -1,4 +1,7 @@
-"""A real laser-gyro recording of a disturbed parked car, through the same interface: 90 s coarse, 210 s fine alignment.
+"""A real recording of a parked car
+================================
+
+Laser gyros in a disturbed parked car, through the same interface: 90 s coarse, 210 s fine alignment.
 
 The recording is not part of this repository. Set SINS_ENV_DATA to the folder of rlg_parked_car.npz.
 """

@@ -1,4 +1,7 @@
-"""A car is under way when its INS is switched on: how soon do solvers know the heading, and do they know that they do?
+"""An INS that is switched on in motion
+====================================
+
+A car is under way: how soon do solvers know the heading, and do they know that they do? ::
 
     python examples/start_in_motion.py                      # ten drives, fixes once a second
     python examples/start_in_motion.py --profile ship       # a ship under way

@@ -38,6 +38,29 @@ from sins_env.kernels.algebra import normalize as unit
 from sins_env.kernels.algebra import to_dcm as dcm
 from sins_env.kernels.algebra import wrap as wrap
 
+__all__ = [
+    "body_rate",
+    "conjugate",
+    "correction_quaternion",
+    "davenport",
+    "from_dcm",
+    "from_euler",
+    "from_rotvec",
+    "misalignment",
+    "misalignment_dcm",
+    "misalignment_from_dcm",
+    "misalignment_quaternion",
+    "misalignment_rate_matrix",
+    "multiply",
+    "normalize",
+    "rotation_angle",
+    "skew",
+    "slerp",
+    "to_dcm",
+    "to_euler",
+    "wrap",
+]
+
 
 def _left_table() -> Array:
     """Return T (4, 16) with (q T).reshape(4, 4) @ p = q p, the Hamilton product."""

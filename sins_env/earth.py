@@ -18,6 +18,22 @@ from sins_env.kernels import helper, kernel
 from sins_env.kernels.algebra import Vector, put_vector, vector, wrap
 from sins_env.kernels.trigonometry import sincos
 
+__all__ = [
+    "EARTHS",
+    "Earth",
+    "check_latitude",
+    "displace",
+    "ecef_to_enu",
+    "get",
+    "gravity",
+    "gravity_slope",
+    "offset",
+    "radii",
+    "rate_n",
+    "to_ecef",
+    "transport_matrix",
+]
+
 Scalar = float | Array
 
 MAX_LATITUDE = math.radians(89.9)  #: the local-level frame is singular at the poles
@@ -43,6 +59,7 @@ class Earth:
         return self.f * (2.0 - self.f)
 
 
+#: Earth models by name.
 EARTHS = {"wgs84": Earth(6378137.0, 1 / 298.257223563), "thesis": Earth(6378096.0, 1 / 295.0)}  # 000 section 2.2.2
 
 

@@ -15,6 +15,8 @@ from sins_env.specs import IMU_PRESETS, GpsSpec, ImuSpec
 from sins_env.states import ERRORS, FIX
 from sins_env.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, UG
 
+__all__ = ["PRIORS", "Prior", "matched_prior", "thesis_prior"]
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -123,4 +125,5 @@ def thesis_prior(imu: ImuSpec, gps: GpsSpec, epoch_s: float, attitude_std_deg: t
     )
 
 
+#: The ways to a prior, by name: matched to the assumed sensors, or as the thesis states it.
 PRIORS = {"matched": matched_prior, "thesis": thesis_prior}

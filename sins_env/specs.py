@@ -20,6 +20,8 @@ from sins_env.checks import build, unknown
 from sins_env.reading.datasheets import in_own_units
 from sins_env.units import DEG_PER_SQRT_H, UG
 
+__all__ = ["GPS_PRESETS", "IMU_PRESETS", "AidSpec", "GpsSpec", "ImuSpec", "gps_spec", "imu_spec"]
+
 #: Units and priors lived here in version 0.1.0, and imports from here still find them.
 __getattr__ = moved.forward(__name__, ("sins_env.units", "sins_env.prior"))
 
@@ -237,7 +239,9 @@ class AidSpec:
         return tuple(name for name in self.faults if getattr(self, name) != getattr(at_rest, name))
 
 
+#: Inertial sensors by name.
 IMU_PRESETS: dict[str, ImuSpec] = {name: ImuSpec(**values) for name, values in presets.IMU.items()}
+#: Receivers of fixes by name.
 GPS_PRESETS: dict[str, GpsSpec] = {name: GpsSpec(**values) for name, values in presets.GPS.items()}
 
 

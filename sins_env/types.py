@@ -15,6 +15,9 @@ from sins_env.arrays import Array, Rngs
 from sins_env.prior import Prior
 from sins_env.specs import AidSpec, GpsSpec, ImuSpec
 
+__all__ = ["Estimator", "NavState", "Observation", "Rng", "Site", "Task"]
+
+#: The random stream of one run, or of a batch with a generator for each.
 Rng = np.random.Generator | Rngs
 
 

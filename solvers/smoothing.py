@@ -40,6 +40,8 @@ from solvers.filters.base import count
 from solvers.filters.gaussian import GaussianFilter
 from solvers.types import Function, Gaussian, Health, Innovation, Measurement, Transition
 
+__all__ = ["Recorder", "Smoothed", "fixed_lag", "smooth"]
+
 NEWTON = 3  #: steps of Newton's method that take a state back through a move; each squares an error of second order
 
 Steps = Iterable[tuple[Transition, Measurement | None]]

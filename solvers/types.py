@@ -15,6 +15,21 @@ from numpy.typing import NDArray
 
 from sins_env.arrays import Array, Mask
 
+__all__ = [
+    "MISSING",
+    "Chart",
+    "Filter",
+    "Function",
+    "Gaussian",
+    "Health",
+    "Innovation",
+    "Linear",
+    "Measurement",
+    "Moments",
+    "NoiseLaw",
+    "Transition",
+]
+
 
 class Function(Protocol):
     """A function (..., n) -> (..., m) that acts on the last axis, such as f, h or a ``Linear``."""
@@ -43,7 +58,8 @@ class Linear(NamedTuple):
 class Transition(NamedTuple):
     """The model of one epoch, x' = f(x) + w with w ~ N(0, Q), equation 000 (3.2.1).
 
-    ``f`` takes (*batch, n) and, for sigma points, (*batch, points, n). Like ``h`` it must not depend on how often it is called.
+    ``f`` takes ``(*batch, n)`` and, for sigma points, ``(*batch, points, n)``. Like ``h`` it must not depend on how often
+    it is called.
     """
 
     f: Function

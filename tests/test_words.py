@@ -14,6 +14,11 @@ SOURCES = [
     for folder in ("sins_env", "solvers", "benchmarks", "examples")
     for path in sorted((ROOT / folder).rglob("*.py"))
 ]
+#: Every Markdown page of the repository.
+PAGES = [
+    *sorted(ROOT.glob("*.md")),
+    *(path for folder in ("docs", "examples", "reproduction") for path in sorted((ROOT / folder).rglob("*.md"))),
+]
 MOST_WORDS = 30
 
 DANGLING = re.compile(r"(of|by|as|where)\b", re.IGNORECASE)
@@ -24,7 +29,8 @@ BORDER = re.compile(r"(?<=[.!?])[\"')\]]*\s+(?=[\"'(\[`]*[A-Z`])")
 ABBREVIATION = re.compile(r"\b(e\.g|i\.e|cf|vs|eqs?|sec|fig|no|ch|pp?|al|resp)\.$", re.IGNORECASE)
 CODE = re.compile(r"(:\w+:)?(``.*?``|`.*?`)|https?://\S+|docs/\S+", re.DOTALL)
 CITATION = re.compile(r"(docs/[\w/]+\.md)(?:#([\w-]+))?")
-LINK = re.compile(r"\]\(([\w/.-]*\.md)?(?:#([\w-]+))?\)")
+LINK = re.compile(r"\]\((?!https?:|mailto:)([^)#\s]*)(?:#([^)\s]+))?\)")
+FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 BARE_PAGE = re.compile(r"(?<![\w/])\w+\.md\b")
 WORD = re.compile(r"[A-Za-z][A-Za-z'-]*[a-z]")
 
@@ -141,23 +147,23 @@ def test_faults_of_comments():
 @functools.cache
 def anchors(page):
     """Return the anchors of the headings of a Markdown page, in GitHub's spelling."""
-    headings = re.findall(r"^#+ +(.*)$", page.read_text("utf-8"), re.MULTILINE)
+    headings = re.findall(r"^#+ +(.*)$", FENCED.sub("", page.read_text("utf-8")), re.MULTILINE)
     return {re.sub(r"[^\w -]", "", heading).strip().lower().replace(" ", "-") for heading in headings}
 
 
 def test_cited_pages_exist():
-    """What code cites, and what the pages of docs/ link to, are pages of the repository and sections that they have."""
+    """Whatever code cites, and whatever a page links to, is a file of the repository, with the section that is named."""
     cited = [
         (path, ROOT / page, anchor) for path in SOURCES for page, anchor in CITATION.findall(path.read_text("utf-8"))
     ]
-    for path in (ROOT / "docs").rglob("*.md"):
-        links = LINK.findall(path.read_text("utf-8"))
+    for path in PAGES:
+        links = LINK.findall(FENCED.sub("", path.read_text("utf-8")))
         cited += [(path, (path.parent / page).resolve() if page else path, anchor) for page, anchor in links]
     assert len(cited) > 100
     lost = [
         f"{path.relative_to(ROOT)}: {page.name}#{anchor}"
         for path, page, anchor in cited
-        if not page.is_file() or (anchor and anchor not in anchors(page))
+        if not page.exists() or (anchor and anchor not in anchors(page))
     ]
     # pages elsewhere, an option of benchmarks/peers.py, and a table of evaluation/contest
     others = {"README.md", "REPRODUCTION.md", "given.md", "board.md"}

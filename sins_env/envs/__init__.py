@@ -10,6 +10,9 @@ import gymnasium
 
 from sins_env.envs.environments import ENVIRONMENTS
 
+__all__ = ["ENV_IDS", "register"]
+
+#: Ids of the environments, as ``gymnasium.make`` takes them.
 ENV_IDS = tuple(ENVIRONMENTS)
 
 

@@ -15,6 +15,20 @@ from sins_env.worlds.sway import AlignSettings, SwayWorld
 from sins_env.worlds.vehicle import VehicleSettings, VehicleWorld
 from sins_env.worlds.world import World
 
+__all__ = [
+    "AlignSettings",
+    "AlignStaticEnv",
+    "AlignSwayEnv",
+    "AlignVehicleEnv",
+    "FlightSettings",
+    "NavFlightEnv",
+    "ReplayEnv",
+    "ReplaySettings",
+    "ScenarioEnv",
+    "ScenarioSettings",
+    "VehicleSettings",
+]
+
 
 class AlignSwayEnv(EpisodeEnv):
     """The swaying base of 000 section 2.5.1."""

@@ -65,8 +65,8 @@ class North(NamedTuple):
 class Summary:
     """The measurements of :func:`summarise`."""
 
-    force: tuple[float, float, float]  #: least, median and largest mean over a second of |f|, m/s^2
-    rate: tuple[float, float, float]  #: the same of |w|, rad/s
+    force: tuple[float, float, float]  #: least, median and largest mean over a second of ``|f|``, m/s^2
+    rate: tuple[float, float, float]  #: the same of ``|w|``, rad/s
     gaps: list[Gap]  #: gaps of the file, with those that are bridged
     fix_rate_hz: float | None
     fix_gaps: list[Gap]

@@ -97,7 +97,7 @@ class ResultsFile(Store):
             settings: settings of the solvers.
             workers: number of processes; None takes one per core.
             executor: "processes", "dask", or the address of a Dask scheduler.
-            epoch_timeout_s: longest time of one call of a solver, s, as in :func:`sins_env.evaluate`.
+            epoch_timeout_s: longest time of one call of a solver, s, as in :func:`sins_env.evaluation.evaluate`.
 
         Raises:
             ValueError: names, settings or numbers that do not fit, or another definition of a task than the file has.

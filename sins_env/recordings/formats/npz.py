@@ -32,6 +32,7 @@ class Layout(NamedTuple):
     keys: tuple[str, ...]  #: keys that it must have
 
 
+#: Layouts of NPZ files by name.
 LAYOUTS = {
     "counts": Layout(
         "RFU",
