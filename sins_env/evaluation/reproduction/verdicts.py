@@ -138,12 +138,12 @@ def capped_rms(errors: Array, cap: float, about_mean: bool = False, bound: float
     squares = losses.capped(errors - (errors[known].mean() if about_mean else 0.0), cap)
     if about_mean:
         squares = squares * len(errors) / (len(errors) - 1)
-    return of_losses(squares)._replace(runs=runs, lost=lost, bound=bound)
+    return of_losses(squares, cap)._replace(runs=runs, lost=lost, bound=bound)
 
 
-def of_losses(squares: Array) -> Estimate:
-    """Compute the root of the mean loss (R,). Fewer than LEAST_INTERVAL runs have no interval."""
-    value, (low, high) = _known(losses.score(squares), len(squares))
+def of_losses(squares: Array, cap: float = math.inf) -> Estimate:
+    """Compute the root of the mean loss (R,), which the cap limits. Fewer than LEAST_INTERVAL runs have no interval."""
+    value, (low, high) = _known(losses.score(squares, cap), len(squares))
     return Estimate(value, low, high, len(squares))
 
 
@@ -209,7 +209,7 @@ def larger(a: Printed, b: Printed) -> bool:
 def verdicts(printed: Sequence[Print | None], ours: Sequence[Estimate]) -> list[str]:
     """Return a verdict on each line of a group; empty for a line without a printed figure.
 
-    An RMS is "in order only" if some lines differ from it significantly, both in the print and by our intervals. All of
+    A print that fits only because our interval is wide is not told apart. An RMS is "in order only" if some lines differ from it significantly, both in the print and by our intervals. All of
     them must do so in the same order. Two filters get no verdict from fewer than LEAST_VERDICT runs. That one of them is better
     must hold at 95 % for all such statements of the group together (Holm).
     """
@@ -234,7 +234,7 @@ def _verdict(i: int, printed: Sequence[Print | None], ours: Sequence[Estimate], 
     if not isinstance(line, Printed):
         return OPEN if p > exact.LEVEL and ours[i].low != ours[i].high else line.verdict(ours[i])
     if fits(line, ours[i]):
-        return REPRODUCED
+        return REPRODUCED if fits(line, ours[i]._replace(low=ours[i].value, high=ours[i].value)) else OPEN
     same = opposite = 0
     for other, estimate in zip(printed, ours, strict=True):
         if not isinstance(other, Printed) or other.kind != line.kind:

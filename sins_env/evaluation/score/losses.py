@@ -84,10 +84,13 @@ def of_time_means(errors: Array, cap: float) -> Array:
     return out
 
 
-def score(losses: Array) -> Estimate:
-    """Return S, the root of the mean loss (R,), with its 95 % interval: a point for equal losses, none below six runs."""
+def score(losses: Array, most: float = math.inf) -> Estimate:
+    """Return S, the root of the mean loss (R,), with its 95 % interval: a point for equal losses, none below six runs.
+
+    The true value is known to be at most ``most``, such as the cap of the errors.
+    """
     (found,) = scores(losses[:, None])
-    return found.value, found.interval()
+    return found.value, found.interval(most)
 
 
 def scores(losses: Array) -> list[Root]:

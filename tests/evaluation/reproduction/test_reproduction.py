@@ -84,6 +84,16 @@ def test_too_few_runs_have_no_interval_and_no_verdict():
     assert verdicts([Printed(1.0, 10)], [one]) == ["1 runs are too few"]
 
 
+def test_one_run_that_decides_leaves_a_print_open():
+    """No interval is beyond the cap, and a print that nothing but its width reaches is not reproduced."""
+    one = capped_rms(np.append(np.full(39, 0.1), 1e9), 30.0)
+    assert one.value == pytest.approx(30.0 / math.sqrt(40), rel=1e-3)
+    assert one.low < 3.0
+    assert one.high == 30.0
+    assert verdicts([Printed(14.0, 1)], [one]) == [OPEN]
+    assert verdicts([Printed(8.0, 1)], [one]) == [REPRODUCED]
+
+
 @pytest.mark.parametrize(("records", "about_mean"), [(10, True), (1, False), (40, False)])
 def test_the_band_holds_so_many_prints_of_the_same_law(records, about_mean):
     """95 % of prints, of single records 92.5 %; 0.5 % is a standard error of 2,000 draws."""
