@@ -91,6 +91,9 @@ class Observation(TypedDict):
     gps_age: NotRequired[Array]  #: (..., 1) s, t less the time of the fix
     gps_vel_std: NotRequired[Array]  #: (..., 3) m/s, standard deviation of gps_vel that the receiver states
     gps_pos_std: NotRequired[Array]  #: (..., 3) m, standard deviation of gps_pos East, North, Up
+    #: (..., 6, 6) covariance of what bridged samples of the epoch are off by in sum, angle rad and velocity m/s in body axes;
+    #: zeros in an epoch without any.
+    bridge_cov: NotRequired[Array]
 
 
 class Estimator(Protocol):

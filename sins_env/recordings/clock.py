@@ -296,4 +296,12 @@ def resample(recording: Recording, hz: float) -> Recording:
     here = np.flatnonzero(~recording.missing)
     t = recording.t0 + (here + 1) / recording.rate_hz
     new = resampled(t, np.hstack([recording.dtheta[here], recording.dvel[here]]), recording.rate_hz, hz)
-    return replace(recording, t0=new.t0, rate_hz=new.rate_hz, dtheta=new.dtheta, dvel=new.dvel, bridged=())
+    return replace(
+        recording,
+        t0=new.t0,
+        rate_hz=new.rate_hz,
+        dtheta=new.dtheta,
+        dvel=new.dvel,
+        bridged=(),
+        bridge_cov=np.zeros((0, 6, 6)),
+    )

@@ -100,6 +100,8 @@ class Recording:
     stamping: Stamping | None = None  #: how the stamps of the file lay about the clock; None for a file without stamps
     scale: str | None = None  #: "GPS" if times are absolute, seconds of GPS time since 1980-01-06; None if unknown
     bridged: tuple[Gap, ...] = ()  #: gaps that are filled with interpolated increments
+    #: (G, 6, 6) covariance of what each bridge is off by in its whole length, angle in rad and velocity in m/s, R, F, U.
+    bridge_cov: Array = field(default_factory=lambda: np.zeros((0, 6, 6)))
     aids: Mapping[str, Readings] = field(default_factory=dict)  #: readings of aiding sensors, by name
 
     @property

@@ -21,6 +21,7 @@ from sins_env.sensors.gps import AGE, FIELDS, STD, epochs_per_fix, in_fields, re
 from sins_env.sensors.imu import standard_normal
 from sins_env.specs import imu_spec
 from sins_env.types import NavState, Task
+from sins_env.worlds.bridges import BRIDGED, Bridges
 from sins_env.worlds.recorded_aids import RecordedAid, specs_of
 from sins_env.worlds.replay_settings import ReplaySettings
 from sins_env.worlds.settings import unknown_spread
@@ -78,6 +79,9 @@ class ReplayWorld(ChunkedWorld):
         for aid in self._aids:
             aid.check(self.windows.starts, self.windows.num_epochs, self.recording.name)
         self.fields = {**FIELDS, **(AGE if self.windows.aged else {}), **(STD if self._std else {})}
+        self._bridges = Bridges(self.recording)
+        if self._bridges.in_windows(self.windows.first_samples, self.windows.num_epochs * self.n_sub):
+            self.fields |= BRIDGED
         self.fields |= {name: field for aid in self._aids for name, field in aid.fields.items()}
         self._every = epochs_per_fix(gps, settings.epoch) if self.recording.gnss is None else 1
         spread = TOLD_START_STD_DEG if told else unknown_spread(coarse)
@@ -124,6 +128,8 @@ class ReplayWorld(ChunkedWorld):
         fixes = self._aged_fixes(times, number) if self.windows.aged else self._fixes(times, number)
         for aid in self._aids:
             fixes |= aid.readings(times, number)
+        if "bridge_cov" in self.fields:
+            fixes["bridge_cov"] = self._bridges.cov(rows[:, :: self.n_sub], self.n_sub)
         return {"dtheta": dtheta, "dvel": dvel, **fixes}, self._truth(times)
 
     def _fixes(self, times: Array, number: NDArray[np.int64]) -> Obs:

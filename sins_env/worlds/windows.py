@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from sins_env.recordings import MOST_BRIDGE_S, Recording, on_clock, seconds
+from sins_env.recordings import MOST_BRIDGE_S, Recording, bridged, on_clock, seconds
 from sins_env.worlds.settings import check_timing
 
 ON_TIME_S = 1e-4  #: largest distance of a fix from the end of an epoch that is on time, s
@@ -101,7 +101,9 @@ class Windows:
             at = self.recording.t0 + (first + np.argmax(missing[first:])) / self.recording.rate_hz
             longest = max((gap.end - gap.start for gap in self.recording.gaps if gap.end > at), default=0.0)
             fill = math.ceil(10 * longest) / 10
-            bridge = f", or bridge = {fill:g} s (--bridge {fill:g})" if fill <= MOST_BRIDGE_S else ""
+            filled = bridged(self.recording, min(fill, MOST_BRIDGE_S)).missing
+            mends = not any(filled[one : one + self.num_epochs * self.n_sub].any() for one in self.first_samples)
+            bridge = f", or bridge = {fill:g} s (--bridge {fill:g})" if mends else ""
             raise ValueError(
                 f"{self.recording.name}: IMU samples are missing from {seconds(at)} s on, inside the window "
                 f"from {seconds(self.starts[window])} s; allowed: windows without a gap{bridge}"

@@ -34,7 +34,7 @@ from solvers.pipeline.errors.invariant import Euler, Invariant
 from solvers.pipeline.errors.model import ErrorModel, told
 from solvers.pipeline.rewind import Samples
 from solvers.pipeline.settings import Settings
-from solvers.pipeline.strapdown import Strapdown, StrapdownState, carried_sample
+from solvers.pipeline.strapdown import Strapdown, StrapdownState, bridge_noise, carried_sample
 from solvers.pipeline.switch_on import SecondPass
 from solvers.types import Filter, Gaussian, Health, Innovation
 
@@ -324,7 +324,10 @@ class Integration(ABC):
         if ins is not self.ins.nav:
             self.ins, seen = self.ins._replace(nav=ins), replace(seen, nav=ins)
         measurement = self._aids.read(obs, seen)
-        transition = self._coordinates.transition(self._errors.transition(motion, self._Q), before, ins)
+        Q = self._Q
+        if (bridged := bridge_noise(obs)) is not None:
+            Q = Q + self._errors.disturbed(motion, bridged)
+        transition = self._coordinates.transition(self._errors.transition(motion, Q), before, ins)
         if measurement is not None:
             measurement = self._coordinates.measurement(measurement, ins)
             if self.settings.aid_gate < 1.0:

@@ -42,7 +42,7 @@ from sins_env.kernels.algebra import (
     turn,
     vector,
 )
-from sins_env.types import NavState
+from sins_env.types import NavState, Observation
 
 #: Factors k_ij (i < j) of the coning sum of k_ij dtheta_i x dtheta_j by samples per interval, 000 (2.2.17).
 #: Sculling is its dual, 000 (2.2.33) with no. 6 of docs/mathematics/errata.md corrected. One sample needs the previous one too.
@@ -181,6 +181,12 @@ def _before(dtheta: Array, dvel: Array, last: Array | None) -> Array:
     if samples_per_interval(dtheta.shape[-2]) > 1:
         return _NOT_USED
     return np.concatenate([dtheta[..., 0, :], dvel[..., 0, :]], axis=-1) if last is None else last
+
+
+def bridge_noise(obs: Observation) -> Array | None:
+    """Return the covariance (..., 6, 6) of what bridged samples of an epoch are off by; None if no run has any."""
+    cov = obs.get("bridge_cov")
+    return None if cov is None or not cov.any() else cov
 
 
 def carried_sample(dtheta: Array, dvel: Array) -> Array | None:

@@ -12,7 +12,7 @@ from sins_env.recordings import findings, load, on_clock, save, times
 from sins_env.recordings.clock import Samples, clocked
 from sins_env.recordings.recording import Stamping
 from sins_env.recordings.stamps import scales, wraps
-from sins_env.recordings.stamps.bridging import bridged, unbridged
+from sins_env.recordings.stamps.bridging import MOST_TRIALS, bridged, unbridged
 
 RATE, T0, N = 104.0, 1000.0, 6000
 RNG = np.random.default_rng(5)
@@ -145,6 +145,32 @@ def test_short_gaps_are_bridged():
     told = [str(one) for one in findings(found)]
     assert any(one.startswith("bridged: 30 samples are missing in 2 gaps of up to 100 ms") for one in told)
     assert len(bridged(holed, 0.2).gaps) == 0
+
+
+def test_a_bridge_tells_what_it_is_off_by():
+    """White noise in two axes, of which the ends of a bridge of n samples and these themselves have n variances each."""
+    rng, n, N = np.random.default_rng(8), 10, 40_000
+    first = made.recording(samples=N, rate=200.0)
+    std = 1e-3 * np.array([1.0, 0.0, 2.0])
+    dtheta, dvel = std * rng.standard_normal((N, 3)), 10.0 * rng.standard_normal((N, 3))
+    holes = [slice(20_000, 20_000 + n), slice(21_000, 21_100)]
+    for part in (dtheta, dvel):
+        part[holes[0]] = part[holes[1]] = np.nan
+    found = bridged(replace(first, dtheta=dtheta, dvel=dvel), 0.1)
+    assert found.bridge_cov.shape == (1, 6, 6)  # the longer gap stays one
+    want = np.zeros((6, 6))
+    want[[0, 2, 3, 4, 5], [0, 2, 3, 4, 5]] = 2 * n * np.square([*std[[0, 2]], 10.0, 10.0, 10.0])
+    want[1, 1] = want[:3, :3].trace() / 3 / (1 + (N - 130 - 60) / 20)  # one stretch more, whose axes are alike
+    size = np.sqrt(np.diag(want))
+    errors = found.bridge_cov[0] / np.outer(size, size) - np.eye(6)
+    assert np.abs(errors).max() < 5 * np.sqrt(2 / (MOST_TRIALS / 2))  # neighbours share half of their samples at most
+    again = bridged(found, 0.6)
+    assert again.bridge_cov.shape == (2, 6, 6)
+    assert_array_equal(again.bridge_cov[0], found.bridge_cov[0])
+    assert unbridged(again).bridge_cov.shape == (0, 6, 6)
+    short = replace(first, dtheta=dtheta[19_900:20_030], dvel=dvel[19_900:20_030])
+    short.dtheta[5:100] = short.dvel[5:100] = np.nan
+    assert bridged(short, 1.0).bridged == ()  # no stretch has the samples of such a bridge
 
 
 def test_jitter_is_told():

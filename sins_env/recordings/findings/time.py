@@ -49,7 +49,7 @@ def long_gaps(recording: Recording) -> Iterator[Finding]:
     gaps = recording.gaps
     if gaps:
         longest, missing, span = _missing(gaps)
-        text = f"{missing}, which split the recording; a longer bridge fills them, at the risk of what happened there"
+        text = f"{missing}, which split the recording; a longer bridge may fill them, with the error that it has on like stretches"
         yield Finding("gaps", longest, 0, "s", span, text, False)
 
 

@@ -31,7 +31,7 @@ from solvers.pipeline.errors.invariant import Invariant, Seen
 from solvers.pipeline.errors.model import Parameter, told
 from solvers.pipeline.errors.navigation import NavigationErrors
 from solvers.pipeline.rewind import Samples
-from solvers.pipeline.strapdown import EpochMotion, Strapdown, StrapdownState, carried_sample
+from solvers.pipeline.strapdown import EpochMotion, Strapdown, StrapdownState, bridge_noise, carried_sample
 from solvers.pipeline.switch_on import SecondPass
 from solvers.types import Gaussian, Health, Measurement
 
@@ -202,7 +202,7 @@ class Episode:
         bias = self.task.epoch_s / self.task.n_sub * s.bias[:, None]
         dtheta, last = rows["dtheta"] - bias[..., :3], s.ins.last
         ins, motion = self._strapdown.advance(s.ins, dtheta, rows["dvel"] - bias[..., 3:6])
-        s = self._predict(s._replace(ins=ins), motion, before)
+        s = self._predict(s._replace(ins=ins), motion, before, bridge_noise(rows))
         if still is not None and still.any():
             s = self._rest(s, dtheta.sum(axis=-2), np.flatnonzero(still[s.run]))
         s, of_epoch = self._lose(s, (before, dtheta, last))
@@ -218,8 +218,8 @@ class Episode:
             s = self._frame.tidy(s, self._runs)
         return s
 
-    def _predict(self, s: Slices, motion: EpochMotion, before: NavState) -> Slices:
-        """Mix the models, and take them through the epoch of the INS."""
+    def _predict(self, s: Slices, motion: EpochMotion, before: NavState, bridged: Array | None) -> Slices:
+        """Mix the models, and take them through the epoch of the INS; ``bridged`` is the noise of bridged samples, if any."""
         a, b = self._coordinates.at(before), self._coordinates.at(s.ins.nav)
         F = b.growth(a, motion)
         mixed = self._models.mix(s.weight, s.x, s.regimes, self._chain, self._offset)
@@ -232,6 +232,8 @@ class Episode:
             x.cov[..., own, own] += self._added
         if self._wander is not None:
             x = x._replace(cov=x.cov + self._wander)
+        if bridged is not None:
+            x = x._replace(cov=x.cov + b.spread_noise(self._errors.disturbed(motion, bridged))[:, None])
         return s._replace(weight=mixed.weight, mean=x.mean, cov=x.cov, regimes=mixed.regimes)
 
     def _rest(self, s: Slices, dtheta: Array, still: NDArray[np.int64]) -> Slices:

@@ -89,7 +89,7 @@ class Windows(AllPairs):
 
         R = C_n @ self._prior.R[:3, :3] @ C_n.mT
         readings = Readings(c, R.reshape(K, *(1,) * (N.ndim - 2), 3, 3))
-        return of_pairs(du, c, N, C_b, C_n, self._epoch_s, self._prior, readings)
+        return of_pairs(du, c, N, C_b, C_n, self._epoch_s, self._prior, readings, self.bridged)
 
     def _own_velocity(self, obs: Observation) -> Array:
         """Return what the velocity of the base adds to v_i, C_n^i v + integral of C_n^i (omega_ie x v), (..., 3) m/s.

@@ -18,7 +18,7 @@ from sins_env.types import Observation, Task
 from solvers.pipeline.coarse.fits import Fit, triad
 from solvers.pipeline.coarse.on_the_spot import OnTheSpot
 from solvers.pipeline.coarse.spread import Spread, outer
-from solvers.pipeline.strapdown import carried_sample, chain, interval_increments
+from solvers.pipeline.strapdown import bridge_noise, carried_sample, chain, interval_increments
 
 EARLY_SHARE = 50 / 180  #: share of the coarse phase after which two vectors take the first pair, 000 section 2.4
 
@@ -36,9 +36,13 @@ class InertialFrame(OnTheSpot, ABC):
         self._q = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*batch, 4))
         self._v_b = np.zeros((*batch, 3))
         self._last: Array | None = None
+        #: Covariance (..., 6, 6) of what bridged samples are off by, for the indices of the epochs that have any.
+        self.bridged: dict[int, Array] = {}
 
     def add(self, obs: Observation) -> None:
         """Take one more epoch."""
+        if (cov := bridge_noise(obs)) is not None:
+            self.bridged[self._k] = np.array(cov)
         self._k += 1
         rotation, dvel_b = interval_increments(obs["dtheta"], obs["dvel"], self._last)
         self._last = carried_sample(obs["dtheta"], obs["dvel"])

@@ -122,6 +122,7 @@ class InMotion(InertialFrame, ABC):
         """Take one more epoch, whose increments another method has integrated; none that integrates more than velocities."""
         self._v_before = self._v_b
         self._k, self._v_b, self._q = other.integrated
+        self.bridged = other.bridged
         self._keep(self._v_b, self._v_b, obs)
 
     def _integrate(self, steps: Array) -> None:
@@ -191,7 +192,9 @@ class InMotion(InertialFrame, ABC):
 
         du = np.diff(np.matmul(C, force[..., None])[..., 0], axis=0, prepend=0.0)
         readings = self._readings(c, C @ attitude.to_dcm(q), C_n, np.matmul(C, (force - v)[..., None])[..., 0])
-        told = of_pairs(du, self._of_increments(c), N, C_b, C_n, self._epoch_s, self._task.prior, readings)
+        told = of_pairs(
+            du, self._of_increments(c), N, C_b, C_n, self._epoch_s, self._task.prior, readings, self.bridged
+        )
         unseen = (
             ANY_HEADING_STD_DEG * DEG * self._C_i_n() @ np.linalg.inv(N) @ least
         )  # of axes about which no pair tells

@@ -8,7 +8,7 @@ Equations: docs/mathematics/coarse_alignment.md#spread.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -91,6 +91,7 @@ def of_pairs(
     epoch_s: float,
     prior: Prior,
     readings: Readings,
+    bridged: Mapping[int, Array],
 ) -> Spread:
     """Return the spread of a fit to K pairs of vectors in the inertial frame, at the last epoch.
 
@@ -105,6 +106,7 @@ def of_pairs(
         epoch_s: s, length of an epoch.
         prior: the told errors of the IMU.
         readings: the errors of what the pairs are compared with.
+        bridged: covariances (..., 6, 6) of what bridged samples are off by in body axes, by the index of the epoch.
     """
     solved, eye = np.linalg.inv(information), np.eye(3)
     later = np.zeros(du.shape[1:])  # sum of c_j from an epoch on
@@ -127,8 +129,12 @@ def of_pairs(
         R = readings.R[part]
         noise += (A @ prior.Q[PHI, PHI] @ A.mT + B @ walk @ B.mT + G @ R @ G.mT).sum(axis=0)
         body = C_b(part)
-        gyro += epoch_s * (A @ body).sum(axis=0)
-        accel += epoch_s * (B @ body).sum(axis=0)
+        of_gyro, of_accel = A @ body, B @ body
+        gyro += epoch_s * of_gyro.sum(axis=0)
+        accel += epoch_s * of_accel.sum(axis=0)
+        for k in filter(bridged.__contains__, range(part.start, end)):
+            both = np.concatenate([of_gyro[k - part.start], of_accel[k - part.start]], axis=-1)
+            noise += both @ bridged[k] @ both.mT
         if readings.constants is not None:
             constants = constants + (G @ readings.constants[part]).sum(axis=0)
     if readings.constants is not None:

@@ -24,6 +24,7 @@ from sins_env.specs import ImuSpec
 from sins_env.states import ERRORS, NAVIGATION, Block, Layout
 from sins_env.types import NavState
 from sins_env.units import DEG_PER_H, G0, UG
+from solvers.blocks.square_root import symmetrize
 from solvers.pipeline.strapdown import EpochMotion
 from solvers.types import Gaussian, Transition
 
@@ -102,6 +103,21 @@ class ErrorModel(ABC):
     def noise(self, prior: Prior) -> Array:
         """Return the told Q (n, n) of one epoch."""
         return self._told(prior.Q, self._added(prior.epoch_s))
+
+    def disturbed(self, motion: EpochMotion, cov: Array) -> Array:
+        """Return what errors of the increments of an epoch add to Q, (..., n, n).
+
+        ``cov`` (..., 6, 6) is their covariance in the epoch, in body axes: angle in rad and velocity in m/s.
+        """
+        turned = np.zeros(cov.shape)
+        turned[..., :3, :3], turned[..., 3:, 3:] = -motion.C, motion.C  # phi is the turn that the INS lacks
+        Q = np.zeros((*cov.shape[:-2], ERRORS.size, ERRORS.size))
+        Q[..., :6, :6] = symmetrize(turned @ cov @ turned.mT)
+        return self._told(self._integrated(Q, motion.dt))
+
+    def _integrated(self, Q: Array, epoch_s: float) -> Array:
+        """Return the noise Q (..., 15, 15) of ERRORS in an epoch with what it does to the place; here there is none."""
+        return Q
 
     def wandering(self, imu: ImuSpec, epoch_s: float) -> Array:
         """Return what Gauss-Markov biases of the told sensors add to Q (n, n) in one epoch, as random walks: 2 sigma^2 T / tau."""

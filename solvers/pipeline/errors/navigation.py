@@ -233,10 +233,14 @@ class NavigationErrors(ErrorModel):
 
     def noise(self, prior: Prior) -> Array:
         """Return Q (n, n) of one epoch; white acceleration of density q gives dv and dp q [T, T^2/2; T^2/2, T^3/3]."""
-        Q, T, dv, dp = prior.Q.copy(), prior.epoch_s, ERRORS["dv"], ERRORS["dp"]
-        Q[dv, dp] = Q[dp, dv] = 0.5 * T * prior.Q[dv, dv]
-        Q[dp, dp] = T * T / 3 * prior.Q[dv, dv]
-        return self._told(Q, self._added(T))
+        return self._told(self._integrated(prior.Q.copy(), prior.epoch_s), self._added(prior.epoch_s))
+
+    def _integrated(self, Q: Array, epoch_s: float) -> Array:
+        T, first, dv, dp = epoch_s, slice(ERRORS["dp"].start), ERRORS["dv"], ERRORS["dp"]
+        Q[..., first, dp] = 0.5 * T * Q[..., first, dv]
+        Q[..., dp, first] = 0.5 * T * Q[..., dv, first]
+        Q[..., dp, dp] = T * T / 3 * Q[..., dv, dv]
+        return Q
 
     def transition(self, motion: EpochMotion, Q: Array) -> Transition:
         return Transition(NavigationMap(motion, self.states, self.carry(motion.dt)), Q, None, motion.dt)
