@@ -56,7 +56,7 @@ def training_seed(task: EvaluationTask, run: int, seed: int = 0) -> int:
     return apart(_sequence(task, seed, run).generate_state(2, np.uint64))
 
 
-def apart(words: NDArray[np.uint64]) -> int:
+def apart(words: NDArray[np.unsignedinteger]) -> int:
     """Return the seed made of two random words, with the bit that no seed of a suite has."""
     return HIGHEST | int(words[0]) << 64 | int(words[1])
 

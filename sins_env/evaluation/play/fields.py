@@ -31,6 +31,7 @@ class Field:
     in_tables: bool = True  #: whether tables need it; fields that they do not need are not read for them
     compared: bool = True  #: whether a run that is made again must have the same value
     since: int = 1  #: first schema of the results file that has it; older files get its columns, empty
+    endless: bool = False  #: whether an error may be inf, in a run too short to tell how large it stays
     usual: str | int | None = None  #: value of a word, text or count in most runs
     name: str = ""
 

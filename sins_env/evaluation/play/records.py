@@ -46,7 +46,8 @@ class Records:
     fallbacks: NDArray[np.int64] = field(metadata=kept(kind="count", usual=0, since=2))
     #: (R, 3) time of convergence E, N, U; inf if censored, and NaN, like the errors, if errors are not scored
     t_conv: Array = field(metadata=kept(parts=("e", "n", "u"), units=("s",) * 3))
-    hold_max: Array = field(metadata=error_of(in_tables=False))  #: (R, 3) largest absolute error in the last hold_s
+    #: (R, 3) largest absolute error in the last hold_s; inf in a run that is no longer than that
+    hold_max: Array = field(metadata=error_of(in_tables=False, endless=True))
     steady_mean: Array = field(metadata=error_of(in_tables=False))  #: (R, 3) mean error in the steady state
     steady_std: Array = field(metadata=error_of(in_tables=False))  #: (R, 3) standard deviation in the steady state
     steady_rms: Array = field(metadata=error_of())  #: (R, 3) RMS error in the steady state

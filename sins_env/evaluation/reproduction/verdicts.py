@@ -209,9 +209,10 @@ def larger(a: Printed, b: Printed) -> bool:
 def verdicts(printed: Sequence[Print | None], ours: Sequence[Estimate]) -> list[str]:
     """Return a verdict on each line of a group; empty for a line without a printed figure.
 
-    A print that fits only because our interval is wide is not told apart. An RMS is "in order only" if some lines differ from it significantly, both in the print and by our intervals. All of
-    them must do so in the same order. Two filters get no verdict from fewer than LEAST_VERDICT runs. That one of them is better
-    must hold at 95 % for all such statements of the group together (Holm).
+    A print that fits only because our interval is wide is not told apart. An RMS is "in order only" if some lines differ from it
+    significantly, both in the print and by our intervals. All of them must do so in the same order. Two filters get no verdict
+    from fewer than LEAST_VERDICT runs. That one of them is better must hold at 95 % for all such statements of the group
+    together (Holm).
     """
     sides = [i for i, line in enumerate(printed) if _takes_side(line) and not math.isnan(ours[i].p)]
     adjusted = dict(zip(sides, exact.holm([ours[i].p for i in sides]), strict=True))

@@ -36,6 +36,10 @@ class _Rule(NamedTuple):
         """Return the rule for a column that mostly has one value, which is not looked at twice."""
         return self._replace(wrong=f"{{0}} IS NOT {usual!r} AND ({self.wrong})")
 
+    def or_inf(self) -> _Rule:
+        """Return the rule for a column that may hold inf as well."""
+        return _Rule(f"{{0}} IS NOT 9e999 AND ({self.wrong})", f"{self.allowed}, or inf")
+
 
 #: The length of a text in SQL ends at a zero byte, that of a blob does not; UTF-8 has up to four bytes a character.
 _NAME = _Rule(
@@ -73,7 +77,11 @@ _TOLD = {"word": _STATUS, "count": _COUNT, "text": _TEXT}
 
 def _numbers(fields: Sequence[Field]) -> dict[str, _Rule]:
     """Return the rules of numbers, by column."""
-    return {name: _OF_UNIT[unit] for one in fields for name, unit in zip(one.columns, one.units, strict=True)}
+    return {
+        name: _OF_UNIT[unit].or_inf() if one.endless else _OF_UNIT[unit]
+        for one in fields
+        for name, unit in zip(one.columns, one.units, strict=True)
+    }
 
 
 _NAMES = [name for name in KEY if name != "run"]

@@ -48,7 +48,7 @@ def test_a_capped_rms_is_that_of_the_scores(about_mean):
     away = np.where(np.isnan(x), np.inf, x - np.nanmean(x) if about_mean else x)
     losses = np.minimum(np.abs(away), 10.0) ** 2 * (62 / 61 if about_mean else 1.0)
     found = capped_rms(x, 10.0, about_mean)
-    value, interval = score(losses)
+    value, interval = score(losses, 10.0)
     assert (found.value, found.low, found.high) == pytest.approx((value, *interval), rel=1e-12)
     assert found.value == pytest.approx(np.sqrt(losses.mean()))
     assert (found.runs, found.lost) == (61, 1)

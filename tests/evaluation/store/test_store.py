@@ -56,6 +56,18 @@ def test_round_trip(tmp_path, results, key):
     assert not list(tmp_path.glob("*-wal"))  # closed properly, one file remains
 
 
+def test_a_run_too_short_to_hold_is_read_again(tmp_path, monkeypatch, short, key):
+    """Its largest error in the last hold_s is not known, inf, which no other angle may be."""
+    task = dataclasses.replace(short, hold_s=1000.0)
+    monkeypatch.setitem(catalogue.TASKS, task.name, task)
+    found = evaluate(task, "evaluation.plugins:Told", 1, workers=1, cost=False).records
+    assert np.isinf(found.hold_max).all()
+    with Store(tmp_path / "r.sqlite") as db:
+        db.add(key, found)
+    with Store(tmp_path / "r.sqlite", read_only=True) as db:
+        np.testing.assert_array_equal(db.results(key).records.hold_max, found.hold_max)
+
+
 def test_rows_that_are_there_stay_as_they_are(tmp_path, results, key):
     records = results.records
     others = dataclasses.replace(records, final=2 * records.final, history=2 * records.history)
