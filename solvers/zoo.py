@@ -12,6 +12,9 @@ import solvers
 from solvers.registry import class_of
 
 RECOMMENDED = "gsf_imm"  #: the solver that who names none gets
+#: Its settings for a recording. Real vehicles stand and are rocked, and sensors may be noisier than told in all axes. A model of
+#: quieter sensors soon believes its biases too well, and the position drifts when fixes are missing.
+RECORDED = {"stillness": True, "imu_factors": ((1.0, 1.0), (10.0, 10.0), (1000.0, 1000.0))}
 
 
 def names(package: str = "solvers") -> list[str]:

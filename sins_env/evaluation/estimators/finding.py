@@ -58,6 +58,15 @@ def recommended() -> str:
     return offers.recommended()
 
 
+def recorded() -> dict[str, Any]:
+    """Return the settings with which the recommended solver takes a recording.
+
+    Raises:
+        ValueError: the solvers of this project are not installed.
+    """
+    return offers.recorded()
+
+
 def is_own(solver: Solver) -> bool:
     """Return whether a solver is given by the name of one of this project."""
     return isinstance(solver, str) and solver in offers.own()

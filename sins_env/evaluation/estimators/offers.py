@@ -85,9 +85,23 @@ def recommended() -> str:
     Raises:
         ValueError: there is none.
     """
+    return str(_recommending().RECOMMENDED)
+
+
+def recorded() -> dict[str, Any]:
+    """Return the attribute ``RECORDED`` of the same entry point: settings of that solver for a recording.
+
+    Raises:
+        ValueError: no solver is recommended.
+    """
+    return dict(_recommending().RECORDED)
+
+
+def _recommending() -> Any:
+    """Return what the entry point of this project that recommends a solver loads."""
     for point in points()[0]:
-        if name := getattr(point.load(), "RECOMMENDED", ""):
-            return str(name)
+        if getattr(found := point.load(), "RECOMMENDED", ""):
+            return found
     raise ValueError(
         "no solver is recommended, for none is installed; allowed: pip install . in the project's directory"
     )

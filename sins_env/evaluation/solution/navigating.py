@@ -40,7 +40,7 @@ def navigate(
         smooth: whether the states are from all fixes. The solver must have a smoother, as those around a Gaussian filter do.
         window: start and length, s on the recording's clock; None takes all of it.
         outages_s: spans (start, end), s of the window, whose fixes are withheld; the solution is then held against them.
-        settings: settings of the solver.
+        settings: settings of the solver. Those of the recommended one for recordings (``solvers.zoo.RECORDED``) are beside them.
         seed: seed of a solver that draws.
         epoch_timeout_s: longest time of one call of the solver, s, as in ``evaluate``.
         progress: function called with the seconds done, their total, and a note.
@@ -55,6 +55,7 @@ def navigate(
     given = {"mode": "navigate", **told(imu, gps, aids, outages_s), **env}
     if chosen == finding.recommended():
         given.setdefault("coarse", 0.0)  # it aligns from the first fix on, at rest or in motion
+        settings = {**finding.recorded(), **(settings or {})}
     one = replaying.replay(
         recording,
         chosen,

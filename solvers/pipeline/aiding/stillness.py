@@ -6,6 +6,10 @@ Nobody tells that the base stands still. Over a window of ten seconds
     their means are the earth's rate and gravity, as far as the told biases allow,
     and the fixes, which tell the velocity well enough, are zero.
 
+A parked car that wind, an engine or people rock is not still, but it stays where it is. Over the same window the fixes are zero,
+and the integral of the specific force keeps to the line that fits its first nine tenths: to 0.05 m/s, and in the last tenth to
+five times what it strays by. Gravity and biases make the line. Its velocity is then zero with the strayed RMS as noise.
+
 No inertial test alone can tell a smooth cruise from rest, hence the fixes. A base whose true noise is larger than told is never
 called still. One that turns steadily and more slowly than the told biases is.
 
@@ -28,7 +32,7 @@ import numpy as np
 
 from sins_env import attitude, earth
 from sins_env.arrays import Array, Mask
-from sins_env.kernels import kernel
+from sins_env.kernels import helper, kernel
 from sins_env.states import ERRORS, Layout
 from sins_env.types import NavState, Observation, Task
 from sins_env.units import ARCSEC, DEG_PER_H, UG
@@ -38,7 +42,7 @@ WINDOW_S = 10.0  #: s, length of the window; over two seconds a constant acceler
 FEWEST = 10  #: least number of epochs in it
 SIGMAS = 5.0  #: standard deviations of a statistic up to which it is at rest
 KNOWN_MPS = 0.05  #: m/s, standard deviation with which the fixes of a window must know the mean velocity
-MOTION_STD = 0.01  #: m/s, velocity in an epoch of a base that is called still
+MOTION_STD = 0.01  #: m/s, velocity in an epoch of a base that is called still, and the least of one that is parked
 LEAST_RATE = 1e-3 * DEG_PER_H  #: rad/s, least noise of the mean rate of an epoch, for told gyros without any
 
 PHI, DV = ERRORS["phi"], ERRORS["dv"]
@@ -73,6 +77,11 @@ class Stillness:
         still: Mask = _still(self._window, self._k, self._variance, self._limits)
         return still
 
+    def level(self) -> Array:
+        """Return the standard deviation (runs,) m/s of the velocity of a base that is parked but rocked; NaN if it is not."""
+        level: Array = _level(self._window, self._k, self._variance)
+        return level
+
 
 @kernel("(w,9),(),(9),(3)->()", "dqdd?")
 def _still(window: Array, newest: int, variance: Array, limits: Array, still: Mask) -> None:
@@ -82,26 +91,19 @@ def _still(window: Array, newest: int, variance: Array, limits: Array, still: Ma
     """
     w = len(window)
     still[0] = False
-    mean, fixes = np.zeros(9), 0
+    if not _stays(window, variance):
+        return
+    mean = np.zeros(6)
     for i in range(w):
         for j in range(6):
             mean[j] += window[i, j] / w
-        there = window[i, 6] + window[i, 7] + window[i, 8]
-        if there == there:
-            fixes += 1
-            for j in range(6, 9):
-                mean[j] += window[i, j]
     known = 0.0
     for j in range(6):
         known += mean[j]
-    if known != known or fixes == 0:
+    if known != known:
         return
-    for j in range(6, 9):
-        mean[j] /= fixes
-        if variance[j] > fixes * KNOWN_MPS * KNOWN_MPS:
-            return
     first = max(w // 10, 1)
-    apart, recent, off, far = np.zeros(2), np.zeros(2), 0.0, 0.0
+    apart, recent = np.zeros(2), np.zeros(2)
     for i in range(w):
         late = (newest - i) % w < first
         for j in range(6):
@@ -110,23 +112,65 @@ def _still(window: Array, newest: int, variance: Array, limits: Array, still: Ma
             apart[j // 3] += squared
             if late:
                 recent[j // 3] += squared
-        there = window[i, 6] + window[i, 7] + window[i, 8]
-        if there == there:
-            for j in range(6, 9):
-                off += window[i, j] * window[i, j] / variance[j]
     rotation, force = 0.0, 0.0
     for j in range(3):
-        far += fixes * mean[6 + j] * mean[6 + j] / variance[6 + j]
         rotation += mean[j] * mean[j]
         force += mean[3 + j] * mean[3 + j]
     still[0] = (
         max(apart[0], apart[1]) < 3 * (w - 1) + SIGMAS * math.sqrt(6.0 * (w - 1))
         and max(recent[0], recent[1]) < 3 * first + SIGMAS * math.sqrt(6.0 * first)
-        and off < 3 * fixes + SIGMAS * math.sqrt(6.0 * fixes)
-        and far < 3 + SIGMAS * math.sqrt(6.0)
         and math.sqrt(rotation) < limits[0]
         and abs(math.sqrt(force) - limits[1]) < limits[2]
     )
+
+
+@kernel("(w,9),(),(9)->()", "dqdd")
+def _level(window: Array, newest: int, variance: Array, level: Array) -> None:
+    """Return how far the velocity is from the line that fits it until the last tenth of the window, RMS; NaN if not parked."""
+    w = len(window)
+    level[0] = math.nan
+    if newest < w - 1 or not _stays(window, variance):
+        return
+    older = w - max(w // 10, 1)
+    middle, spread = 0.5 * (older - 1), older * (older * older - 1.0) / 12.0
+    squares, latest = 0.0, 0.0
+    for j in range(3, 6):
+        v, start, slope = 0.0, 0.0, 0.0
+        for i in range(older):
+            v += window[(newest + 1 + i) % w, j]
+            start += v / older
+            slope += (i - middle) * v / spread
+        v = 0.0
+        for i in range(w):
+            v += window[(newest + 1 + i) % w, j]
+            apart = abs(v - start - slope * (i - middle))
+            squares += apart * apart
+            if i >= older:
+                latest = max(latest, apart)
+    sigma = max(math.sqrt(squares / (3 * w)), MOTION_STD)
+    if sigma < KNOWN_MPS and latest < SIGMAS * sigma:
+        level[0] = sigma
+
+
+@helper
+def _stays(window: Array, variance: Array) -> bool:
+    """Return whether the fixes of the window know the velocity, and whether it is zero."""
+    mean, fixes, off, far = np.zeros(3), 0, 0.0, 0.0
+    for i in range(len(window)):
+        there = window[i, 6] + window[i, 7] + window[i, 8]
+        if there == there:
+            fixes += 1
+            for j in range(3):
+                mean[j] += window[i, 6 + j]
+                off += window[i, 6 + j] * window[i, 6 + j] / variance[6 + j]
+    if fixes == 0:
+        return False
+    for j in range(3):
+        far += mean[j] * mean[j] / (fixes * variance[6 + j])
+        if variance[6 + j] > fixes * KNOWN_MPS * KNOWN_MPS:
+            return False
+    known: bool = off < 3 * fixes + SIGMAS * math.sqrt(6.0 * fixes) and far < 3 + SIGMAS * math.sqrt(6.0)
+    return known
 
 
 class Rest(NamedTuple):

@@ -82,6 +82,7 @@ class Episode:
         # epochs in which the told noise is not the likeliest, and all epochs with slices
         self._doubted, self._epochs = np.zeros((2, runs))
         self._stillness = Stillness(self.task, runs) if self.settings.stillness else None
+        self._parked: Mask = np.zeros(runs, dtype=bool)  # in the last epoch
         self._coarse: coarse_methods.Coarse | None = None
         self._past: list[Observation] = []  # epochs of the coarse phase
         self._read: list[tuple[dict[str, slice], Reading]] = []  # of the last epoch, with the rows of each aid
@@ -203,8 +204,8 @@ class Episode:
         dtheta, last = rows["dtheta"] - bias[..., :3], s.ins.last
         ins, motion = self._strapdown.advance(s.ins, dtheta, rows["dvel"] - bias[..., 3:6])
         s = self._predict(s._replace(ins=ins), motion, before, bridge_noise(rows))
-        if still is not None and still.any():
-            s = self._rest(s, dtheta.sum(axis=-2), np.flatnonzero(still[s.run]))
+        if still is not None:
+            s = self._at_rest(s, dtheta.sum(axis=-2), still)
         s, of_epoch = self._lose(s, (before, dtheta, last))
         rows = _rows(obs, s.run)
         me = self._aid.read(rows, self._ins(s, of_epoch))
@@ -235,6 +236,24 @@ class Episode:
         if bridged is not None:
             x = x._replace(cov=x.cov + b.spread_noise(self._errors.disturbed(motion, bridged))[:, None])
         return s._replace(weight=mixed.weight, mean=x.mean, cov=x.cov, regimes=mixed.regimes)
+
+    def _at_rest(self, s: Slices, dtheta: Array, still: Mask) -> Slices:
+        """Correct the slices of runs that stand ``still`` (runs,), and of those that are parked but rocked.
+
+        While a base is parked, its fixes have the told noise: for seconds they wander smoothly, and are no better for that.
+        """
+        assert self._stillness is not None
+        level = np.where(still, np.nan, self._stillness.level())
+        self._parked = np.isfinite(level)
+        if still.any():
+            s = self._rest(s, dtheta, np.flatnonzero(still[s.run]))
+        if self._parked.any():
+            sigma = level[s.run, None]
+            H = np.eye(3, self._errors.states.size, self._errors.states["dv"].start) / sigma[..., None]
+            H = self._coordinates.at(s.ins.nav).divided(H)
+            seen = np.flatnonzero(self._parked[s.run])
+            s = self._corrected(s, s.ins.nav.vel / sigma, H, np.eye(3), seen, as_told=True)
+        return s
 
     def _rest(self, s: Slices, dtheta: Array, still: NDArray[np.int64]) -> Slices:
         """Correct the slices at ``still``, which stand still after they turned by dtheta (N, 3) in the epoch.
@@ -311,7 +330,10 @@ class Episode:
             after = after._replace(regimes=part.regimes)
         else:
             p = regimes.ahead(part.regimes, self._stationary)
+            parked = self._parked[part.run]
+            p[parked] = np.arange(len(self._factors)) == self._as_told
             after = regimes.update(part.x, nu, H[:, None], R, p, self._factors, self._told)
+            after.regimes[parked] = part.regimes[parked]
         return self._weighed(s, part, seen, after.x, after.log_likelihood, after.regimes)
 
     def _weighed(

@@ -21,8 +21,8 @@ class BankSettings:
     ``imu_factors``: factors of the told variances of (gyros, accelerometers); the first pair is the likeliest by far.
     ``fix_factors``: factors of the told variance of a fix, 1 among them.
     ``fix_offsets``: whether the velocity of fixes may be off by a constant for some seconds.
-    ``stillness``: whether a base that is seen to stand still has no velocity and no rate
-    (:mod:`solvers.pipeline.aiding.stillness`).
+    ``stillness``: whether a base that is seen to stand still has no velocity and no rate, and one that is seen to be parked but
+    rocked no lasting velocity (:mod:`solvers.pipeline.aiding.stillness`).
     ``coarse``: method of the coarse phase (:mod:`solvers.pipeline.coarse`), after which its epochs are filtered again around
     what it found; None: no coarse phase.
     ``bias_walk``: whether the biases wander as fast as told Gauss-Markov biases do.

@@ -27,11 +27,12 @@ from sins_env.evaluation.replay.consistency import judge
 from sins_env.evaluation.replay.replaying import replay
 from sins_env.evaluation.replay.told import sigma_of_angles
 from sins_env.evaluation.show.rich_tables import titled
-from sins_env.evaluation.solution import aligning
+from sins_env.evaluation.solution import aligning, navigating
 from sins_env.recordings import Gnss, Recording, Reference
 from sins_env.specs import IMU_PRESETS
 from sins_env.types import Site
 from sins_env.units import UG
+from solvers import zoo
 from solvers.pipeline.smoother import smooth_navigation
 
 RATE, ENV = 100.0, {"coarse": 0.0}
@@ -384,6 +385,15 @@ def test_the_recommended_solver_tells_the_biases():
     up, sigma = one.accel_bias[-1, 2] / UG, one.sigma_accel_bias[-1, 2] / UG
     assert abs(up - true) < 4 * sigma < 0.5 * true
     assert "heading" in repr(one)
+
+
+def test_the_recommended_solver_has_settings_for_recordings_that_the_user_may_change(monkeypatch):
+    given = []
+    monkeypatch.setattr(navigating.replaying, "replay", lambda *a, settings, **more: given.append(settings) or 1 / 0)
+    for solver, settings in ((None, None), ("gsf_imm", {"stillness": False}), ("ckf", None)):
+        with pytest.raises(ZeroDivisionError):
+            sins_env.navigate(bend(), solver, settings=settings)
+    assert given == [zoo.RECORDED, {**zoo.RECORDED, "stillness": False}, None]
 
 
 def _degrees(pos):

@@ -91,6 +91,44 @@ def test_motion_is_seen_at_once():
     assert found[120:].mean() > 0.9
 
 
+def levels(seen, imu="rlg-car"):
+    """What the detector says of a parked base in each epoch, (EPOCHS, RUNS)."""
+    detector, found = Stillness(told(imu), RUNS), []
+    for obs in seen:
+        detector.seen(obs)
+        found.append(detector.level())
+    return np.array(found)
+
+
+def rocked(amplitude, **more):
+    """A base that a force of so many m/s^2 along one axis rocks with a period of 0.63 s."""
+    force = amplitude * np.sin(np.arange(EPOCHS))[:, None, None] * [1.0, 0.0, 0.0]
+    return record(told(), np.random.default_rng(2), pushing=force, **more)
+
+
+def test_a_parked_base_has_the_velocity_with_which_it_is_rocked():
+    """The RMS is that of the integral of the force; nothing is said before the window is full, and no less than 1 cm/s."""
+    found = levels(rocked(0.6))
+    v = np.cumsum(0.6 * T * np.sin(np.arange(EPOCHS)))
+    assert np.isnan(found[:99]).all()
+    np.testing.assert_allclose(found[99:], v.std() / np.sqrt(3.0), rtol=0.05)
+    np.testing.assert_array_equal(levels(rocked(0.01))[99:], 0.01)
+
+
+@pytest.mark.parametrize("case", [{"moving": (0.02, 0.0, 0.0)}, {"has": 0.0}, {"amplitude": 2.0}])
+def test_what_is_not_parked(case):
+    assert np.isnan(levels(rocked(**{"amplitude": 0.6, **case}))).all()
+
+
+@pytest.mark.parametrize(("start", "latest"), [(1.0, 1), (0.1, 6)])
+def test_a_start_is_seen_before_the_fixes_show_it(start, latest):
+    """A parked base drives away after 11 s: no velocity beyond 0.06 m/s is taken for none."""
+    force = np.where(np.arange(EPOCHS) < 110, 0.0, start)[:, None, None] * [0.0, 1.0, 0.0]
+    found = levels(record(told(), np.random.default_rng(2), pushing=force))
+    assert np.isfinite(found[99:110]).all()
+    assert np.isnan(found[110 + latest : 120]).all()
+
+
 def test_fixes_must_know_the_velocity():
     """As many as the square of their noise over that which is asked."""
     gps = GpsSpec(vel_std_mps=0.2, rate_hz=10.0)
