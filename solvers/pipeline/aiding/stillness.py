@@ -7,8 +7,9 @@ Nobody tells that the base stands still. Over a window of ten seconds
     and the fixes, which tell the velocity well enough, are zero.
 
 A parked car that wind, an engine or people rock is not still, but it stays where it is. Over the same window the fixes are zero,
-and the integral of the specific force keeps to the line that fits its first nine tenths: to 0.05 m/s, and in the last tenth to
-five times what it strays by. Gravity and biases make the line. Its velocity is then zero with the strayed RMS as noise.
+and the integral of the specific force keeps to a line, which gravity and biases make. The line fits the first nine tenths. The
+velocity strays from it by at most 0.05 m/s RMS, and in the last tenth by at most five times its RMS. That RMS is the noise with
+which the velocity is zero.
 
 No inertial test alone can tell a smooth cruise from rest, hence the fixes. A base whose true noise is larger than told is never
 called still. One that turns steadily and more slowly than the told biases is.

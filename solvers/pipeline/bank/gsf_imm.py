@@ -36,10 +36,10 @@ class GSFIMM:
     told variances of gyros and accelerometers, of which the first is the likeliest by far. ``fix_factors`` are factors of the
     told variance of a fix, with 1 among them. ``fix_offsets``: whether the velocity of fixes may be off by a constant for some
     seconds. ``stillness``: whether a base that is seen to stand still has no velocity and no rate, which needs sensors that are
-    as quiet as told, and one that is parked but rocked no lasting velocity. The coarse phase of a task is not used: its epochs
-    align from the first fix on. With ``coarse``, a method of the coarse phase, its epochs are filtered twice, at less cost, and
-    nothing is known before its end. ``bias_walk``: whether the biases wander as fast as told Gauss-Markov biases do; otherwise
-    they are constants.
+    as quiet as told. A base that is seen to be parked but rocked then has no lasting velocity. The coarse phase of a task is not
+    used: its epochs align from the first fix on. With ``coarse``, a method of the coarse phase, its epochs are filtered twice, at
+    less cost, and nothing is known before its end. ``bias_walk``: whether the biases wander as fast as told Gauss-Markov biases
+    do; otherwise they are constants.
 
     Raises:
         ValueError: an unknown setting, or a value that is not allowed.
