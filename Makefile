@@ -10,14 +10,15 @@ export OPENBLAS_NUM_THREADS ?= 1
 unexport PYTHONDONTWRITEBYTECODE
 N ?= 10000
 GALLERY ?= 1
+TESTS ?= tests
 
-.PHONY: board test check lint types tests docs fuzz bench reproduce leaderboard clean
+.PHONY: board test check lint types tests docs fuzz bench reproduce leaderboard coverage distribution clean
 
 board: $(STAMP)  ## four filters align a swaying SINS: ranked table and figure
 	$(BIN)/sins-env eval --task sway-white-v0 --solver kf ekf ukf ckf --runs 200 --db results.sqlite --resume --plot board.png
 
 test: $(STAMP)  ## every test
-	$(BIN)/python -m pytest -n 3 --dist worksteal  # one more than cores, for some tests wait
+	$(BIN)/python -m pytest -n 3 --dist worksteal $(TESTS)  # one more than cores, for some tests wait
 
 check: lint types tests  ## what CI runs: ruff, mypy, tests (examples and README blocks are among them)
 
@@ -48,6 +49,21 @@ leaderboard: $(STAMP)  ## tables and figures of README; hours from nothing, what
 	$(BIN)/python benchmarks/leaderboard.py
 	$(BIN)/python benchmarks/readme.py
 
+coverage: $(STAMP)  ## lines and branches that the tests reach, kernels as Python bodies, processes too: ten minutes or more
+	$(BIN)/python -m pip install --quiet --group coverage
+	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest -n 3 --dist worksteal $(TESTS)
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage report
+
+distribution: $(STAMP)  ## sdist and wheel in dist/; the sdist is unpacked, installed in a fresh environment, and tests itself
+	rm -rf dist build/sdist
+	$(BIN)/python -m pip install --quiet --group release
+	$(BIN)/python -m build --quiet
+	$(BIN)/twine check --strict dist/*
+	mkdir -p build/sdist
+	tar -xf dist/*.tar.gz -C build/sdist --strip-components 1
+	$(MAKE) -C build/sdist test
+
 $(STAMP): pyproject.toml
 	@echo "Building $(VENV) and installing into it: a minute or more, once."
 	$(PYTHON) -m venv $(VENV)
@@ -62,4 +78,4 @@ $(VENV)/docs: $(STAMP)
 	touch $@
 
 clean:
-	rm -rf $(VENV) .venv-peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache results.sqlite* board.png
+	rm -rf $(VENV) .venv-peers build dist *.egg-info .coverage* .pytest_cache .mypy_cache .ruff_cache results.sqlite* board.png

@@ -46,8 +46,8 @@ from importlib.util import find_spec as _find_spec
 from typing import TYPE_CHECKING as _TYPES
 from typing import Any as _Any
 
+from sins_env import imports as _imports
 from sins_env import moved as _moved
-from sins_env import registering as _registering
 
 if _TYPES:
     from sins_env import tasks
@@ -63,7 +63,7 @@ if _TYPES:
     from sins_env.specs import GPS_PRESETS, IMU_PRESETS, GpsSpec, ImuSpec
     from sins_env.types import Estimator, NavState, Observation, Site, Task
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = [
     "GPS_PRESETS",
     "IMU_PRESETS",
@@ -116,4 +116,4 @@ def __dir__() -> list[str]:
 
 
 _moved.install()
-_registering.install()
+_imports.install()

@@ -20,9 +20,9 @@ HEAVY = ("gymnasium", "matplotlib", "rich", "filterpy", "yaml", "scipy.special",
 MAKE = "assert gymnasium.make('SINS/AlignSway-v0', start='told', duration=1.0).reset(seed=1)"
 
 
-def fresh(code, *options, **environment):
+def fresh(code, *options, arguments=(), **environment):
     """Standard output of a new interpreter, in which warnings are errors."""
-    line = [sys.executable, "-W", "error", *options, "-c", code]
+    line = [sys.executable, "-W", "error", *options, "-c", code, *arguments]
     done = subprocess.run(line, cwd="/", env={**os.environ, **environment}, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
@@ -116,3 +116,40 @@ def test_imports_inside_functions_have_their_reason():
             where = f"{path.relative_to(ROOT)}, line {node.lineno}"
             assert package in SLOW + UNIX or path.parent == ROOT / "sins_env" / "cli", where
             assert {node.lineno, node.lineno - 1} & said, f"{where}: no reason"
+
+
+HIDING = """
+import sys
+from importlib import import_module as load
+sys.path.insert(0, sys.argv[1])
+if sys.argv[2] == "before":
+    import solvers
+import sins_env, solvers
+from sins_env.evaluation.estimators import offers
+for use in (lambda: solvers.make("ckf"), lambda: load("solvers.zoo"), lambda: exec("from solvers import register"), offers.own):
+    try:
+        use()
+    except (AttributeError, ImportError, ValueError) as error:
+        print(type(error).__name__, error)
+print(load("solvers.mine").Mine, hasattr(solvers, "make"))
+"""
+
+
+@pytest.mark.parametrize("order", ["before", "after"])
+def test_a_package_that_hides_solvers_is_told(order, tmp_path):
+    """A folder ``solvers`` of the user's own: every use of ours says where it is, and its own modules work."""
+    (tmp_path / "solvers").mkdir()
+    (tmp_path / "solvers/__init__.py").touch()
+    (tmp_path / "solvers/mine.py").write_text("Mine = 1")
+    *told, last = fresh(HIDING, arguments=(str(tmp_path), order)).splitlines()
+    place = f"it is {tmp_path}/solvers/__init__.py, which hides the package 'solvers' of sins-env. Give that"
+    assert [line.partition(" ")[0] for line in told] == ["AttributeError", "ImportError", "ImportError", "ValueError"]
+    for line, name in zip(told, ("make", "zoo", "register", "zoo"), strict=True):
+        assert f"'{name}': {place}" in line
+    assert last == "1 False"
+
+
+def test_a_folder_without_a_package_hides_nothing(tmp_path):
+    (tmp_path / "solvers").mkdir()
+    code = "import sys; sys.path.insert(0, sys.argv[1]); import sins_env, solvers; print('ckf' in solvers.names())"
+    assert fresh(code, arguments=(str(tmp_path),)) == "True\n"

@@ -223,7 +223,13 @@ def _search_here() -> None:
 def _no_module(path: str, why: object) -> ValueError:
     module, _, attribute = path.partition(":")
     where = f"allowed: module:Factory, importable from {os.getcwd()}"
-    if found := _module_of(module):
+    found = _module_of(module)
+    if found and found == module:
+        package = found.partition(".")[0]
+        there = getattr(sys.modules.get(package), "__file__", "elsewhere")
+        here = f"{found.replace('.', '/')}.py"
+        where = f"{here} is hidden by the package {package!r} ({there}): give its folder another name"
+    elif found:
         where = f"did you mean {f'{found}:{attribute}'!r}?"
     return ValueError(f"solver {path!r}: {why}; {where}")
 

@@ -75,8 +75,20 @@ def own() -> dict[str, Callable[[], Any]]:
     """Return the solvers of this project, by name."""
     found: dict[str, Callable[[], Any]] = {}
     for point in points()[0]:
-        found |= _taken(point, point.load())
+        found |= _taken(point, _loaded(point))
     return found
+
+
+def _loaded(point: EntryPoint) -> Any:
+    """Return what an entry point of this project names.
+
+    Raises:
+        ValueError: it is not there, or hidden by a module of the user's own.
+    """
+    try:
+        return point.load()
+    except ImportError as error:
+        raise ValueError(f"the solvers of this project cannot be imported: {error}") from error
 
 
 def recommended() -> str:
@@ -100,7 +112,7 @@ def recorded() -> dict[str, Any]:
 def _recommending() -> Any:
     """Return what the entry point of this project that recommends a solver loads."""
     for point in points()[0]:
-        if getattr(found := point.load(), "RECOMMENDED", ""):
+        if getattr(found := _loaded(point), "RECOMMENDED", ""):
             return found
     raise ValueError(
         "no solver is recommended, for none is installed; allowed: pip install . in the project's directory"
@@ -134,7 +146,7 @@ def registered(package: str) -> dict[str, Callable[[], Any]]:
     """Return the solvers that an imported package or module has registered with ``solvers.register``, by name."""
     found: dict[str, Callable[[], Any]] = {}
     for point in points()[0]:
-        if package_of(point) in sys.modules and isinstance(catalogue := point.load(), ModuleType):
+        if package_of(point) in sys.modules and isinstance(catalogue := _loaded(point), ModuleType):
             found |= {name: partial(getattr, catalogue, name) for name in catalogue.names(package)}
     return found
 

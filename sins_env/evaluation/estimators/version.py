@@ -8,12 +8,12 @@ from collections.abc import Iterable, Iterator
 from importlib import metadata
 from pathlib import Path
 
-from sins_env import __version__
 from sins_env.evaluation.estimators import finding, offers
 
 WORLD = Path(__file__).parents[2]  #: folder of the package ``sins_env``
 #: Parts of the package that do not decide scores, except the folders SCORING. All other parts make the world.
-APART = ("cli", "evaluation", "learning", "wrappers", "writing")
+#: ``__init__.py`` has the public names and the version of the package, which alone makes no row stale.
+APART = ("__init__.py", "cli", "evaluation", "learning", "wrappers", "writing")
 #: Folders of the evaluation that decide what a row holds: seeds and starts of runs, calls of an estimator, playing and
 #: scoring of runs, and the bound. The other folders only use rows.
 SCORING = ("tasks", "estimators", "play", "bound")
@@ -36,7 +36,7 @@ def packages(names: Iterable[str]) -> dict[str, str]:
 
 
 def code_version(solver: finding.Solver | None) -> str:
-    """Return the version with 8 hex digits of a hash over the sources of world, scoring and solvers.
+    """Return "sha256:" with 8 hex digits of the hash of the sources of world, scoring and solvers.
 
     For a solver of another package the sources of all packages with solvers enter, because it may use any of them. Without a
     solver none does, as for the oracle.
@@ -50,7 +50,7 @@ def code_version(solver: finding.Solver | None) -> str:
     digest = hashlib.sha256()
     for path in sorted(files):
         digest.update(path.name.encode() + path.read_bytes())
-    return f"{__version__}+{digest.hexdigest()[:8]}"
+    return f"sha256:{digest.hexdigest()[:8]}"  # never a number, whatever reads it
 
 
 def _scoring() -> Iterator[Path]:
