@@ -103,10 +103,10 @@ def _draw(results: Sequence[Results]) -> Figure:
 
 
 def _names(ax: Axes, printed: Sequence[Azimuth]) -> None:
-    """Write names beside the points, at the last time to their right; names at one time are kept apart."""
+    """Write names beside the points, at the first time to their left; names at one time are kept apart."""
     times = sorted({t for _, t, _ in printed})
     for at in times:
-        x, side = (at + 8, "left") if at == times[-1] else (at - 8, "right")
+        x, side = (at - 8, "right") if at == times[0] else (at + 8, "left")
         low = 0.0
         for name, _, value in sorted((one for one in printed if one[1] == at), key=lambda one: abs(one[2])):
             low = max(math.log10(abs(value)), low + 0.11)
