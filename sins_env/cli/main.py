@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Sequence
 
@@ -11,6 +12,10 @@ from sins_env.cli.interrupts import quiet
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0, 1 for a failed run, 2 for wrong use, 130 for Ctrl-C."""
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks what could stand at its cursor
+        from sins_env.cli.completion import complete  # what no other command needs
+
+        complete()
     with quiet():
         from sins_env.cli import command  # takes a tenth of a second, in which Ctrl-C would show where
     try:
