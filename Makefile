@@ -32,7 +32,7 @@ types: $(STAMP)
 tests: test
 
 docs: $(VENV)/docs  ## the site, build/site/index.html, with the gallery run; GALLERY=0 shows the examples and does not run them
-	rm -rf build/site
+	rm -rf build/site build/doctrees
 	$(BIN)/sphinx-build -W --keep-going -q -c docs -d build/doctrees -D plot_gallery=$(GALLERY) . build/site
 
 fuzz: $(STAMP)  ## N inputs of strangers, of all kinds, on all cores: a table, and the inputs that fail as code

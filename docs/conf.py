@@ -38,10 +38,9 @@ extensions = [
 
 # --- pages ------------------------------------------------------------------------------------------------------------
 root_doc = "docs/index"
-include_patterns = ["docs/**", "reproduction/*.md", "CHANGELOG.md", "examples/*/README.md"]
-exclude_patterns = [
-    path.name for path in ROOT.iterdir() if path.name not in ("docs", "reproduction", "examples", "CHANGELOG.md")
-]
+include_patterns = ["docs/**", "reproduction/*.md", "CHANGELOG.md", "CONTRIBUTING.md", "examples/*/README.md"]
+PARTS = ("docs", "reproduction", "examples", "CHANGELOG.md", "CONTRIBUTING.md")
+exclude_patterns = [path.name for path in ROOT.iterdir() if path.name not in PARTS]
 exclude_patterns += ["docs/_static", "docs/_ext"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 
@@ -79,7 +78,9 @@ html_css_files = ["site.css"]
 html_js_files = ["offline.js"]
 html_show_sourcelink = False
 html_copy_source = False
+html_context = {"default_mode": "auto"}  # light or dark as the reader's system is
 html_theme_options = {
+    "header_links_before_dropdown": 7,
     "navigation_with_keys": False,
     "show_prev_next": True,
     "secondary_sidebar_items": ["page-toc"],

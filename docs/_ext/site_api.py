@@ -26,7 +26,7 @@ def page(one: public.Page, everything: list[public.Name]) -> str:
         text += [".. list-table::", "   :class: names", ""]
         for found in there:
             words = found.words.replace("::", "").split("\n\n")[0].replace("\n", " ")
-            first = re.split(r"(?<=[.:;])\s", cited(words))[0].rstrip(":;")
+            first = re.split(r"(?<=[.;])\s", cited(words))[0].rstrip(";")
             text += [f"   * - :py:obj:`{found.name} <{found.home}>`", f"     - {first}"]
         text += ["", f".. py:module:: {module}", ""]
         text += [line for found in there if found.is_home for line in described(found)]
@@ -79,6 +79,11 @@ def as_rst(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: l
     lines[:] = text
 
 
+def signed(app: Sphinx, what: str, name: str, thing: Any, *given: Any) -> tuple[str, None] | None:
+    """Leave away what stands behind the name of a protocol, which nobody calls."""
+    return ("", None) if what == "class" and getattr(thing, "_is_protocol", False) else None
+
+
 def cited(line: str) -> str:
     """Make what a line cites of docs/ a link from a page of docs/api/."""
     return CITED.sub(lambda found: f"`{found[0][5:]} <../{found[1]}.html{found[0].partition('.md')[2]}>`__", line)
@@ -88,4 +93,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     """Connect with Sphinx; napoleon reads the docstrings afterwards."""
     app.connect("builder-inited", write, priority=100)
     app.connect("autodoc-process-docstring", as_rst, priority=400)
+    app.connect("autodoc-process-signature", signed)
     return {"parallel_read_safe": True}
