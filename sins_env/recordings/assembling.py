@@ -76,10 +76,9 @@ def check_ranges(path: Path, recording: Recording) -> None:
         ValueError: a value out of its range.
     """
     gnss, ref = recording.gnss, recording.reference
-    there = ~recording.missing
     parts: dict[tuple[str, float], Any] = {
-        ("velocity increments", MOST_SPEED_MPS): recording.dvel[there],
-        ("angle increments", MOST_ANGLE): recording.dtheta[there],
+        ("velocity increments", MOST_SPEED_MPS): _ends(recording.dvel),
+        ("angle increments", MOST_ANGLE): _ends(recording.dtheta),
         ("rate_hz", MOST_RATE_HZ): recording.rate_hz,
         ("1 / rate_hz", MOST_SAMPLE_S): 1.0 / recording.rate_hz,
         ("t0", MOST_TIME_S): recording.t0,
@@ -99,6 +98,11 @@ def check_ranges(path: Path, recording: Recording) -> None:
         largest = float(np.max(np.abs(values), initial=0.0))
         if not largest <= most:
             raise ValueError(f"{path}: {name} is up to {largest:g}; allowed: at most {most:g}")
+
+
+def _ends(values: Array) -> Array:
+    """Return the least and the largest of ``values`` (n, m) that are there, without a copy of all."""
+    return np.array([np.fmin.reduce(values, axis=None), np.fmax.reduce(values, axis=None)])
 
 
 def with_velocities(gnss: Gnss) -> Gnss:

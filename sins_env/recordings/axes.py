@@ -45,8 +45,10 @@ def to_rfu(axes: str) -> Array:
 
 def turned(vectors: Array, turn: Array) -> Array:
     """Return ``vectors @ turn.T``, (..., 3), for a signed permutation, without the copies and zeros of a product."""
-    column = np.abs(turn).argmax(axis=1)
-    return vectors[..., column] * turn[np.arange(3), column]
+    out = np.empty(vectors.shape)
+    for i, column in enumerate(np.abs(turn).argmax(axis=1)):
+        np.multiply(vectors[..., column], turn[i, column], out=out[..., i])
+    return out
 
 
 def swap_ned(vectors: Array) -> Array:

@@ -83,14 +83,18 @@ def clocked(
     if resample_hz is not None:
         return _resampled(samples, places.ends if evened else samples.t, places.rate_hz, resample_hz, stamping)
     index, rate = places.place, places.rate_hz
-    samples = _integrated(samples, np.diff(index, prepend=index[0] - 1) / rate, 1 / rate)
-    grid = (on_grid(index, samples.dtheta), on_grid(index, samples.dvel))
-    return Clocked(places.begin, rate, *grid, stamping, samples.scale)
+    steps = np.diff(index, prepend=index[0] - 1) / rate
+    dtheta = on_grid(index, _integrated(samples.dtheta, samples.gyro_rates, samples.trapezoid, steps, 1 / rate))
+    samples = replace(samples, dtheta=dtheta[:0])  # what was read makes room
+    dvel = on_grid(index, _integrated(samples.dvel, samples.accel_rates, samples.trapezoid, steps, 1 / rate))
+    return Clocked(places.begin, rate, dtheta, dvel, stamping, samples.scale)
 
 
 def _resampled(samples: Samples, t: Array, rate: float, hz: float, stamping: Stamping) -> Clocked:
-    samples = _integrated(samples, np.diff(t, prepend=t[0] - 1 / rate), 1 / rate)
-    new = resampled(t, np.hstack([samples.dtheta, samples.dvel]), rate, hz)
+    steps = np.diff(t, prepend=t[0] - 1 / rate)
+    both = ((samples.dtheta, samples.gyro_rates), (samples.dvel, samples.accel_rates))
+    increments = [_integrated(values, rates, samples.trapezoid, steps, 1 / rate) for values, rates in both]
+    new = resampled(t, np.hstack(increments), rate, hz)
     return new._replace(stamping=stamping, scale=samples.scale)
 
 
@@ -205,32 +209,29 @@ def sample_index(samples: Samples, rate: float) -> NDArray[np.int64]:
 
 def on_grid(index: NDArray[np.int64], values: Array) -> Array:
     """Put values (n, m) at their places on the clock, with NaN elsewhere: (N, m), read-only."""
-    grid = np.full((int(index[-1]) + 1, values.shape[1]), np.nan)
+    count = int(index[-1]) + 1
+    if count == len(values) and values.base is None and values.flags.c_contiguous and values.dtype == np.float64:
+        return frozen(values)  # there is no gap, and no one else has them
+    grid = np.full((count, values.shape[1]), np.nan)
     grid[index] = values
     return frozen(grid)
 
 
-def _integrated(samples: Samples, steps: Array, sample_s: float) -> Samples:
-    """Integrate rates over the time since the stamp before, but at most over one sample; the rest is a gap.
+def _integrated(values: Array, rates: bool, trapezoid: bool, steps: Array, sample_s: float) -> Array:
+    """Integrate ``values`` that are rates over the time since the stamp before, but at most over one sample; the rest is a gap.
 
     A rate is held over the sample that it ends, because an IMU delivers the mean since its last output. Every sample
     then counts once, and its noise stays white. If rates are values at the stamps, held rates would lag by half a sample;
     ``trapezoid`` takes the mean of neighbours instead.
     """
+    if not rates:
+        return values
     whole = steps < GAP * sample_s
     dt = np.where(whole, steps, sample_s)[:, None]
-
-    def integral(rates: Array) -> Array:
-        if not samples.trapezoid:
-            return rates * dt
-        mean = 0.5 * (rates + np.concatenate([rates[:1], rates[:-1]]))
-        return np.where(whole[:, None], mean, rates) * dt
-
-    return replace(
-        samples,
-        dtheta=integral(samples.dtheta) if samples.gyro_rates else samples.dtheta,
-        dvel=integral(samples.dvel) if samples.accel_rates else samples.dvel,
-    )
+    if not trapezoid:
+        return values * dt
+    mean = 0.5 * (values + np.concatenate([values[:1], values[:-1]]))
+    return np.where(whole[:, None], mean, values) * dt
 
 
 def hz_of(step_s: float) -> float:

@@ -91,7 +91,7 @@ def _check(path: Path | str, rate_hz: float, dtheta: Array, dvel: Array) -> None
             f"{path}: specific force is {force:.4g} m/s^2 (median over seconds); allowed: "
             f"{FORCE_RANGE[0]:g} to {FORCE_RANGE[1]:g}.{_guess(force / 9.8, rate_hz)}"
         )
-    size = np.sqrt(np.nanmax(np.sum(dtheta * dtheta, axis=1)))
+    size = np.sqrt(np.nanmax(np.einsum("ij,ij->i", dtheta, dtheta)))
     rate = float(np.median(np.linalg.norm(block_means(dtheta, rate_hz), axis=1))) * rate_hz
     if size > MOST_ANGLE or rate > MOST_RATE:
         at = int(np.nanargmax(np.sum(dtheta * dtheta, axis=1)))

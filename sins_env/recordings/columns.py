@@ -136,7 +136,17 @@ class Part:
     def __getitem__(self, field: str) -> Array:
         """Return the columns of a field, (n, columns), times the scale that the mapping tells."""
         wanted, table = self._table
-        values = table.rows[self._there][:, [wanted.index(place) for place in self._columns[field]]]
+        return self._scaled(field, table.rows[self._there][:, [wanted.index(place) for place in self._columns[field]]])
+
+    def view(self, field: str) -> Array:
+        """Return the same without a copy, if the columns stand side by side in the file and the mapping tells no scale."""
+        wanted, table = self._table
+        places = [wanted.index(place) for place in self._columns[field]]
+        if places != list(range(places[0], places[0] + len(places))):
+            return self[field]
+        return self._scaled(field, table.rows[self._there][:, places[0] : places[-1] + 1])
+
+    def _scaled(self, field: str, values: Array) -> Array:
         scale = self.spec[field].get("scale")
         if scale is None:
             return values

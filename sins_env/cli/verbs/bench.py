@@ -11,9 +11,9 @@ from typing import Any
 
 from rich.console import Console
 
-from sins_env.cli.output import RunFailed, remark
+from sins_env.cli.failing import failing
+from sins_env.cli.output import remark
 from sins_env.evaluation.estimators import isolation, offers
-from sins_env.evaluation.estimators.guard import EstimatorError, Refusal
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.show.rich_tables import titled
 from sins_env.evaluation.speed import bench as speed
@@ -28,14 +28,13 @@ def bench(given: Namespace, console: Console) -> int:
         RunFailed: the estimator failed.
     """
     apart = isolation.limits(given.solver, given.timeout) is not None
-    try:
-        with isolation.hosted(given.solver, {}, given.timeout) as host, Bar(f"bench of {given.solver}") as bar:
-            batches, remarks = speed.fitting(host, given.task, given.runs)
-            speeds = speed.measure(host, given.task, batches, progress=bar.update)
-    except Refusal:
-        raise
-    except EstimatorError as error:
-        raise RunFailed(f"{given.solver} on {given.task}: {error}") from error
+    with (
+        failing(f"{given.solver} on {given.task}"),
+        isolation.hosted(given.solver, {}, given.timeout) as host,
+        Bar(f"bench of {given.solver}") as bar,
+    ):
+        batches, remarks = speed.fitting(host, given.task, given.runs)
+        speeds = speed.measure(host, given.task, batches, progress=bar.update)
     for text in remarks:
         remark(text)
     if given.json:

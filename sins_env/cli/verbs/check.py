@@ -7,9 +7,9 @@ from argparse import Namespace
 from rich.console import Console
 from rich.markup import escape
 
+from sins_env.cli.failing import failing
 from sins_env.cli.output import RunFailed
 from sins_env.evaluation.contract import TOLERANCE, Check, check_estimator
-from sins_env.evaluation.estimators.guard import EstimatorError, Refusal
 
 
 def check(given: Namespace, console: Console) -> int:
@@ -24,7 +24,7 @@ def check(given: Namespace, console: Console) -> int:
         detail = f"  [dim]{escape(one.detail)}[/]" if one.passed is not False else f"  {escape(one.detail)}"
         console.print(f"{marks[one.passed]}  {escape(one.name)}{detail if one.detail else ''}", highlight=False)
 
-    try:
+    with failing():
         found = check_estimator(
             given.solver,
             dict(given.set),
@@ -32,10 +32,6 @@ def check(given: Namespace, console: Console) -> int:
             tolerance=given.tolerance or TOLERANCE,
             epoch_timeout_s=given.timeout,
         )
-    except Refusal:
-        raise
-    except EstimatorError as error:
-        raise RunFailed(str(error)) from error
     failed = sum(one.passed is False for one in found)
     if failed:
         raise RunFailed(f"{given.solver} fails {failed} of {len(found)} checks")

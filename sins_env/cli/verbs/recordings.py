@@ -9,10 +9,10 @@ from pathlib import Path
 from rich.console import Console
 
 from sins_env import recordings
+from sins_env.cli.failing import failing
 from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
 from sins_env.cli.verbs.sensors import sensor_settings
 from sins_env.cli.verbs.solutions import written
-from sins_env.evaluation.estimators.guard import EstimatorError, Refusal
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.replay import consistency, replaying, tables
 from sins_env.evaluation.replay.angles_figure import replay_figure
@@ -68,23 +68,19 @@ def replay(given: Namespace, console: Console) -> int:
     } | sensor_settings(given)
     if given.accept:
         settings["accept"] = tuple(given.accept)
-    try:
-        with Bar(f"{given.solver} on {given.recording}") as bar:
-            one = replaying.replay(
-                given.recording,
-                given.solver,
-                [tuple(window) for window in given.window],
-                given.stride,
-                settings=dict(given.set),
-                env=settings,
-                seed=given.seed,
-                epoch_timeout_s=given.timeout,
-                progress=bar.update,
-            )
-    except Refusal:
-        raise
-    except EstimatorError as error:
-        raise RunFailed(f"{given.solver} on {given.recording}: {error}") from error
+    what = f"{given.solver} on {given.recording}"
+    with failing(what), Bar(what) as bar:
+        one = replaying.replay(
+            given.recording,
+            given.solver,
+            [tuple(window) for window in given.window],
+            given.stride,
+            settings=dict(given.set),
+            env=settings,
+            seed=given.seed,
+            epoch_timeout_s=given.timeout,
+            progress=bar.update,
+        )
     recording = recordings.load(given.recording, accept=given.accept or None, bridge_s=given.bridge)
     for found in recordings.findings(recording):
         remark(f"warning: {found}")

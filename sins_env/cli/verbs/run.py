@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from sins_env.cli.failing import failing
 from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
 from sins_env.evaluation import monte_carlo
-from sins_env.evaluation.estimators.guard import Refusal, Unavailable
 from sins_env.evaluation.play.criteria import Criteria
 from sins_env.evaluation.play.one_run import Course, run_episode
 from sins_env.evaluation.play.progress import Bar
@@ -42,7 +42,7 @@ def run(given: Namespace, console: Console) -> int:
                 bar.update(k * epoch, total, note)
 
         epoch, total = monte_carlo.extent(task, 1)
-        try:
+        with failing(f"{given.solver} on {task.name}, run {given.run}"):
             course = run_episode(
                 task,
                 given.solver,
@@ -52,10 +52,6 @@ def run(given: Namespace, console: Console) -> int:
                 observer=watch,
                 epoch_timeout_s=given.timeout,
             )
-        except Refusal:
-            raise
-        except Unavailable as error:
-            raise RunFailed(f"{given.solver} on {task.name}, run {given.run}: {error}") from error
     records = course.records
     if records.status[0] == "raised" and given.traceback:
         for line in records.traceback[0].rstrip().split("\n"):

@@ -10,9 +10,9 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from sins_env.cli.output import RunFailed, check_plot, remark, save_figure
+from sins_env.cli.failing import failing
+from sins_env.cli.output import check_plot, remark, save_figure
 from sins_env.cli.verbs.sensors import sensor_settings
-from sins_env.evaluation.estimators.guard import EstimatorError, Refusal
 from sins_env.evaluation.play.progress import Bar
 from sins_env.evaluation.show.rich_tables import titled
 from sins_env.evaluation.solution import aligning, files
@@ -61,22 +61,17 @@ def _solved(given: Namespace, **more: Any) -> Solution:
     }
     if given.accept:
         env["accept"] = tuple(given.accept)
-    try:
-        with Bar(given.recording) as bar:
-            return navigated(
-                given.recording,
-                given.solver,
-                window=None if given.window is None else tuple(given.window),
-                settings=dict(given.set),
-                seed=given.seed,
-                epoch_timeout_s=given.timeout,
-                progress=bar.update,
-                **{**env, **sensor_settings(given), **more},
-            )
-    except Refusal:
-        raise
-    except EstimatorError as error:
-        raise RunFailed(str(error)) from error
+    with failing(), Bar(given.recording) as bar:
+        return navigated(
+            given.recording,
+            given.solver,
+            window=None if given.window is None else tuple(given.window),
+            settings=dict(given.set),
+            seed=given.seed,
+            epoch_timeout_s=given.timeout,
+            progress=bar.update,
+            **{**env, **sensor_settings(given), **more},
+        )
 
 
 def _show(

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from sins_env.arrays import Array, Mask
 from sins_env.evaluation.replay.replaying import Replay
-from sins_env.evaluation.replay.told import DOUBT, GPS
+from sins_env.evaluation.replay.told import DOUBT
 from sins_env.evaluation.score.consistency import chi2_quantile
 from sins_env.recordings import seconds
 from sins_env.states import FIX, NAVIGATION
@@ -111,7 +111,14 @@ class Consistency:
 
 
 def judge(one: Replay, window: int = 0) -> Consistency:
-    """Judge a window of a replay."""
+    """Judge a window of a replay, which keeps what is found."""
+    if window not in one.judged:
+        one.judged[window] = _judge(one, window)
+    found: Consistency = one.judged[window]
+    return found
+
+
+def _judge(one: Replay, window: int) -> Consistency:
     assert one.told is not None
     start = float(one.starts[window])
     k, blocks = _judged(one, window)
@@ -151,7 +158,7 @@ def _judged(one: Replay, window: int) -> tuple[NDArray[np.int64], dict[str, Arra
     """Return the epochs (F,) of the fixes that are judged, and their whitened innovations (F, 3) by name."""
     assert one.told is not None
     layout = FIX if one.track is not None else FIX.only("dv")
-    nu, S = (one.told.value(f"{GPS}_{what}", window, *shape) for what, shape in _shapes(layout.size))
+    nu, S = one.told.innovations(window, layout.size)
     if nu.shape[-1] != layout.size:  # an alignment may be held by the horizontal velocity alone
         layout_parts = {"velocity": slice(0, nu.shape[-1])}
     else:
@@ -161,10 +168,6 @@ def _judged(one: Replay, window: int) -> tuple[NDArray[np.int64], dict[str, Arra
     k = np.flatnonzero(np.isfinite(nu).any(axis=-1) & (before < KNOWN_DEG))
     found = {name: _whitened(nu[k][:, here], S[k][:, here, here]) for name, here in layout_parts.items()}
     return k, {name: white for name, white in found.items() if np.isfinite(white).any()}
-
-
-def _shapes(m: int) -> tuple[tuple[str, tuple[int, ...]], ...]:
-    return (("residual", (m,)), ("covariance", (m, m)))
 
 
 def _whitened(nu: Array, S: Array) -> Array:

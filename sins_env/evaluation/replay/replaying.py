@@ -8,7 +8,7 @@ is meaningful if the base stands still. A solver that navigates has velocity and
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -46,6 +46,8 @@ class Replay:
     track: Track | None = None  #: velocity and position; None in alignment
     told: Told | None = None  #: what the solver tells of itself
     source: Recording | None = None
+    #: What :func:`sins_env.evaluation.replay.consistency.judge` has found of windows so far.
+    judged: dict[int, Any] = field(default_factory=dict, init=False, compare=False)
 
     @property
     def zero_velocity(self) -> bool:

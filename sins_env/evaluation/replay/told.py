@@ -96,6 +96,11 @@ class Told:
         told = self.values.get(name)
         return np.full((self.epochs, *shape), np.nan) if told is None else told[window]
 
+    def innovations(self, window: int, size: int) -> tuple[Array, Array]:
+        """Return the residuals (K, m) of the fixes and their covariance (K, m, m); NaN for m = ``size`` if they are not told."""
+        nu = self.value(f"{GPS}{RESIDUAL}", window, size)
+        return nu, self.value(f"{GPS}{COVARIANCE}", window, size, size)
+
 
 def wanted(found: Mapping[str, Array]) -> list[str]:
     """Return the names among the diagnostics that are kept at every epoch."""

@@ -125,7 +125,8 @@ def _draw_innovations(axes: Axes, one: Replay, name: str, unit: str) -> None:
     assert track is not None
     here, most = FIX["dv" if name == "velocity" else "dp"], 0.0
     for i in range(len(one.starts)):
-        nu, S = told.value("gps_residual", i, FIX.size)[:, here], told.value("gps_covariance", i, FIX.size, FIX.size)
+        nu, S = told.innovations(i, FIX.size)
+        nu = nu[:, here]
         seen = np.isfinite(nu).all(axis=-1)
         if not seen.any():
             continue

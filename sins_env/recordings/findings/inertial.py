@@ -30,8 +30,7 @@ SLIP = 0.1  #: largest relative difference from the factor of a mistaken unit
 
 def hung_sensor(recording: Recording) -> Iterator[Finding]:
     """Find spans in which all six values stay the same to the last bit: the sensor hangs, and its last sample is repeated."""
-    both = np.hstack([recording.dtheta, recording.dvel])
-    same = (np.diff(both, axis=0) == 0).all(axis=1)
+    same = np.logical_and(*((x[1:] == x[:-1]).all(axis=1) for x in (recording.dtheta, recording.dvel)))
     if not same.any() or same.mean() > ALL_HELD:
         return
     first, last = _longest(same)
@@ -44,9 +43,8 @@ def hung_sensor(recording: Recording) -> Iterator[Finding]:
 
 def saturated(recording: Recording) -> Iterator[Finding]:
     """Find channels that stay at the end of their range for several samples, far from their usual values."""
-    both = np.hstack([recording.dtheta, recording.dvel]) * recording.rate_hz
     for i, name in enumerate(CHANNELS):
-        x = both[:, i]
+        x = (recording.dtheta, recording.dvel)[i // 3][:, i % 3] * recording.rate_hz
         middle = float(np.nanmedian(x))
         spread = 1.4826 * float(np.nanmedian(np.abs(x - middle)))
         for end in (float(np.nanmax(x)), float(np.nanmin(x))):
@@ -70,7 +68,7 @@ def glitches(recording: Recording) -> Iterator[Finding]:
     ):
         if len(values) < 3:
             return
-        off = np.linalg.norm(values[1:-1] - 0.5 * (values[:-2] + values[2:]), axis=1) * recording.rate_hz
+        off = np.sqrt(sum(np.square(x[1:-1] - 0.5 * (x[:-2] + x[2:])) for x in values.T)) * recording.rate_hz
         limit = max(GLITCH * float(np.nanmedian(off)), least)
         bad = np.flatnonzero(off > limit) + 1
         if len(bad):

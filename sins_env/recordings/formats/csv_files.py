@@ -49,22 +49,26 @@ def load(path: Path, mapping: Mapping) -> Recording:
     parts = _inertial(path, mapping)
     turn, gyros, accels = to_rfu(mapping.axes), parts["gyro"], parts["accel"]
     gyro, accel = gyros.unit("gyro", column_units.GYRO), accels.unit("accel", column_units.ACCEL)
-    dtheta, dvel = turned(gyros["gyro"], turn), turned(accels["accel"], turn)
-    dtheta *= gyro.si
-    dvel *= accel.si
-    times = parts["time"].times() if "time" in parts else _counted(path, mapping, parts, len(dtheta))
-    for name, many in (("accel", len(dvel)), ("time", len(times.t))):
-        if many != len(dtheta):
+    increments = [turned(gyros.view("gyro"), turn), turned(accels.view("accel"), turn)]
+    for values, unit in zip(increments, (gyro, accel), strict=True):
+        values *= unit.si
+    many = len(increments[0])
+    times = parts["time"].times() if "time" in parts else _counted(path, mapping, parts, many)
+    for name, found in (("accel", len(increments[1])), ("time", len(times.t))):
+        if found != many:
             where = parts.get(name, accels).path
-            raise ValueError(
-                f"{where}: {many} rows, {gyros.path.name} {len(dtheta)}; allowed: a row for each sample in both"
-            )
+            raise ValueError(f"{where}: {found} rows, {gyros.path.name} {many}; allowed: a row for each sample in both")
     trapezoid, stamped = mapping.rates == "trapezoid", parts.get("time", gyros)
     units = (gyro.rate, accel.rate, trapezoid, _stamped_counter(path, mapping, parts), times.scale)
-    samples = Samples(str(stamped.path), "time", stamped.place, times.t, dtheta, dvel, *units)
     for part in parts.values():
         part.release()
-    clock = clocked(samples, mapping.rate_hz, mapping.resample_hz, mapping.drop_duplicates)
+    del values
+    clock = clocked(  # which alone holds what was read, and lets it go
+        Samples(str(stamped.path), "time", stamped.place, times.t, increments.pop(0), increments.pop(0), *units),
+        mapping.rate_hz,
+        mapping.resample_hz,
+        mapping.drop_duplicates,
+    )
     gnss = None if mapping.gnss is None else _gnss(path, mapping, times)
     reference = None if mapping.reference is None else _reference(path, mapping, turn, times)
     lever = None if mapping.lever_arm_m is None else turn @ np.array(mapping.lever_arm_m)

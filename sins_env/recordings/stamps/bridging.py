@@ -35,12 +35,12 @@ class Bridge(NamedTuple):
     after: int
 
     def at(self, place: Any, first: Array, last: Array) -> Array:
-        """Return the increments (..., 6) at places (...) from 0 to samples - 1, for the means before and after."""
+        """Return the increments (..., m) at places (...) from 0 to samples - 1, for the means before and after."""
         share = (place + 0.5 * (self.before + 1)) / (self.samples + 0.5 * (self.before + self.after))
         return (1.0 - share) * first + share * last
 
     def fill(self, increments: Array, first: int) -> None:
-        """Fill in the increments (N, 6) of a gap that begins at the sample ``first``, in place."""
+        """Fill in the increments (N, m) of a gap that begins at the sample ``first``, in place."""
         last = first + self.samples
         ends = increments[first - self.before : first].mean(axis=0), increments[last : last + self.after].mean(axis=0)
         increments[first:last] = self.at(np.arange(self.samples)[:, None], *ends)
@@ -80,7 +80,7 @@ def bridged(recording: Recording, most_s: float = BRIDGE_S) -> Recording:
         return recording
     filled: list[Gap] = []
     covs: list[Array] = []
-    both = np.hstack([recording.dtheta, recording.dvel])
+    parts = recording.dtheta.copy(), recording.dvel.copy()
     there = ~missing
     for gap in recording.bridged:
         there[_samples(recording, gap)] = False
@@ -90,8 +90,8 @@ def bridged(recording: Recording, most_s: float = BRIDGE_S) -> Recording:
     def cov_in(bridge: Bridge, number: int) -> Array | None:
         """Return the covariance by the stretches of a block of samples and its neighbours, or if there is none by all."""
         near = slice(max(number - 1, 0) * block, (number + 2) * block)
-        cov = bridge.cov(both[near], there[near])
-        return bridge.cov(both, there) if cov is None else cov
+        found = (bridge.cov(np.hstack([x[span] for x in parts]), there[span]) for span in (near, slice(None)))
+        return next((cov for cov in found if cov is not None), None)
 
     most = most_s * recording.rate_hz * (1 + 1e-9)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
@@ -103,12 +103,13 @@ def bridged(recording: Recording, most_s: float = BRIDGE_S) -> Recording:
         if gap.samples <= most and bridge.before and bridge.after:
             cov = cov_in(bridge, first // block)
             if cov is not None:
-                bridge.fill(both, first)
+                for increments in parts:
+                    bridge.fill(increments, first)
                 filled.append(gap)
                 covs.append(cov)
     if not filled:
         return recording
-    dtheta, dvel = frozen(both[:, :3].copy()), frozen(both[:, 3:].copy())
+    dtheta, dvel = map(frozen, parts)
     told = frozen(np.concatenate([recording.bridge_cov, covs]))
     return replace(recording, dtheta=dtheta, dvel=dvel, bridged=(*recording.bridged, *filled), bridge_cov=told)
 

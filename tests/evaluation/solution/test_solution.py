@@ -225,6 +225,8 @@ def test_sigmas_of_angles_are_those_of_small_turns():
 def test_what_leaves_its_band_is_told(settings, names):
     one = replay(bend(), Knows, settings=settings, env={"mode": "navigate", "gps": {"outages_s": [[40, 50]]}, **ENV})
     found = judge(one)
+    assert judge(one) is found
+    assert not dataclasses.replace(one).judged
     assert [w.name for w in found.warnings if not w.name.startswith("nis") or "scale" in settings] == names
     assert all((w.value > w.limit) != ("smaller than told" in w.text) for w in found.warnings)
     assert found.consistent == (not names)
