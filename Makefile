@@ -45,9 +45,10 @@ bench: $(STAMP)  ## speed of the whole chain, and of the filters beside those of
 reproduce: $(STAMP)  ## every published table again: reproduction/REPRODUCTION.md and its figures, in less than an hour on two cores
 	$(BIN)/sins-env reproduce
 
-leaderboard: $(STAMP)  ## tables and figures of README; hours from nothing, what leaderboard.sqlite holds is kept
+leaderboard: $(STAMP)  ## tables and figures of docs; hours from nothing, what leaderboard.sqlite holds is kept
 	$(BIN)/python benchmarks/leaderboard.py
-	$(BIN)/python benchmarks/readme.py
+	$(BIN)/python benchmarks/pages.py
+	$(BIN)/python benchmarks/peers.py --doc
 
 coverage: $(STAMP)  ## lines and branches that the tests reach, kernels as Python bodies, processes too: ten minutes or more
 	$(BIN)/python -m pip install --quiet --group coverage

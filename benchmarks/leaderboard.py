@@ -1,4 +1,4 @@
-"""The leaderboard of the default suite (suite.py): makes missing runs, then writes leaderboard.json and the figures of README.
+"""The leaderboard of the default suite (suite.py): makes missing runs, then writes leaderboard.json and the figures of docs.
 
     python benchmarks/leaderboard.py                            everything; suite.py prints how long it takes
     python benchmarks/leaderboard.py --at-most 4 --db try.sqlite --out /tmp    a few runs each, elsewhere
@@ -6,7 +6,7 @@
 
 The results file is one of ``sins-env eval`` and may begin as a copy of one that has some of the runs. After an interruption the
 same command continues. Rows of an older version of the code count again after ``sins-env verify --adopt``, if they are equal.
-``readme.py`` makes the tables of README and docs from the JSON.
+``pages.py`` makes the tables of docs from the JSON.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     python benchmarks/peers.py                                   installs the packages, measures, prints the table
     python benchmarks/peers.py --json benchmarks/peers.json      and keeps the result; --md FILE: as Markdown
-    python benchmarks/peers.py --readme                          writes README's section from the kept result, or from the new
-                                                                 one if --json or --md is given too
+    python benchmarks/peers.py --doc                             writes docs/peers.md from the kept result, or from the new one
+                                                                 if --json or --md is given too
 
 The packages live in the environment ``.venv-peers``, which the first call makes. Every package filters the same record with
 each filter that it has (KF, EKF, UKF, CKF), with a call for each fix, as an environment wants it. Those on JAX filter whole
@@ -29,7 +29,7 @@ from markers import replaced
 from peers import environment, features, tables
 
 RESULT = Path(__file__).with_name("peers.json")
-README = environment.ROOT / "README.md"
+PAGE = environment.ROOT / "docs" / "peers.md"
 SECTION = "peers"
 ONE_THREAD = {
     **dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"),
@@ -46,14 +46,14 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--runs", type=int, nargs="+", default=[64, 1024], help="batch sizes beside 1 (default 64 1024)")
     p.add_argument("--json", type=Path, metavar="FILE", help="write the result")
     p.add_argument("--md", type=Path, metavar="FILE", help="write the table as Markdown")
-    p.add_argument("--readme", action="store_true", help=f"write README's section; alone: from {RESULT.name}")
+    p.add_argument("--doc", action="store_true", help=f"write docs/{PAGE.name}; alone: from {RESULT.name}")
     return p
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     given = parser().parse_args(arguments)
-    if given.readme and not (given.json or given.md):
-        write_readme(json.loads(RESULT.read_text()))
+    if given.doc and not (given.json or given.md):
+        write_page(json.loads(RESULT.read_text()))
         return 0
     for name, least in (("steps", 2), ("rounds", 1)):
         if getattr(given, name) < least:
@@ -94,13 +94,13 @@ def measure(given: argparse.Namespace) -> None:
         given.json.write_text(json.dumps(result, indent=1) + "\n")
     if given.md:
         given.md.write_text(tables.document(result))
-    if given.readme:
-        write_readme(result)
+    if given.doc:
+        write_page(result)
 
 
-def write_readme(result: Mapping[str, Any]) -> None:
-    """Write README's section from a result."""
-    README.write_text(replaced(README.read_text(), SECTION, tables.section(result)))
+def write_page(result: Mapping[str, Any]) -> None:
+    """Write the tables of the page from a result."""
+    PAGE.write_text(replaced(PAGE.read_text(), SECTION, tables.section(result)))
 
 
 def gone(installed: Collection[str]) -> dict[str, list[str]]:

@@ -1,4 +1,4 @@
-"""The figures of README: accuracy against cost and failed runs from leaderboard.json, and errors against time from the runs."""
+"""The figures of README and docs: accuracy against cost, failed runs, and errors against time, from JSON and results file."""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""What the README promises runs as it stands: its blocks of code, its commands, and the first one of them, ``make board``."""
+"""What README and the pages of docs promise runs as it stands: their code, their commands, and the first one, ``make board``."""
 
+import contextlib
 import dataclasses
+import io
 import os
 import re
 import runpy
@@ -8,26 +10,44 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 from places import ROOT
 
+from sins_env.cli.grammar import parser
 from sins_env.cli.main import main
 from sins_env.evaluation.speed import cost
 from sins_env.evaluation.tasks import catalogue
 
-README = (ROOT / "README.md").read_text()
-BLOCKS = re.findall(r"```(\w+)\n(.*?)```", README, flags=re.DOTALL)
-PYTHON = [code for language, code in BLOCKS if language == "python"]
-SHELL = [
-    line
-    for language, code in BLOCKS
-    if language in ("sh", "bash")
-    for line in code.splitlines()
-    if line.startswith("sins-env ")
-]
-#: The commands that only read a results file; they are given that of ``make board``.
+PAGES = ("README.md", "docs/command_line.md", "docs/tasks.md", "docs/zoo.md")
+
+
+class Block(NamedTuple):
+    """A block of a page: Python, or commands, which run one after the other in one folder."""
+
+    page: str
+    number: int
+    language: str
+    code: str
+
+    @property
+    def commands(self) -> list[str]:
+        return [line.split(" #")[0].rstrip() for line in self.code.splitlines() if line.startswith("sins-env ")]
+
+
+def blocks():
+    """Yield the blocks of all pages."""
+    for page in PAGES:
+        found = re.findall(r"^```(\w+)\n(.*?)^```", (ROOT / page).read_text(), flags=re.DOTALL | re.MULTILINE)
+        for number, (language, code) in enumerate(found):
+            if language in ("python", "sh"):
+                yield Block(page, number, language, code)
+
+
+BLOCKS = [pytest.param(block, id=f"{Path(block.page).stem}-{block.number}") for block in blocks()]
+#: The commands that only read a results file; a block that makes none is given that of ``make board``.
 READERS = ("board", "compare", "report", "export", "verify", "merge", "submit")
 #: Settings with which the tasks of the commands are short; what is to hold, holds for HOLD_S seconds.
 SHORTER: dict[str, dict[str, Any]] = {
@@ -43,12 +63,23 @@ LITTLE = {"--runs": ["2"], "--window": ["0", "100"]}
 
 def words_of(line):
     """The arguments of a command, with few runs, which stay in this process, and short windows."""
-    words = line.split("#")[0].split()[1:]
+    words = line.split()[1:]
     for option, values in LITTLE.items():
         if option in words:
             at = words.index(option) + 1
             words[at : at + len(values)] = values
     return words + ["--workers", "1"] * ("--runs" in words)
+
+
+def run(line):
+    """Run a command in this process; ``> FILE`` takes its output."""
+    line, _, file = (part.strip() for part in line.partition(" > "))
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out) if file else contextlib.nullcontext():
+        code = main(words_of(line))
+    if file:
+        Path(file).write_text(out.getvalue())
+    return code
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -76,18 +107,6 @@ def made(tmp_path_factory):
     return folder, words[words.index("--solver") + 1 : words.index("--runs")]
 
 
-@pytest.mark.parametrize("number", range(len(PYTHON)))
-def test_python_block_runs(number, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "block.py").write_text(PYTHON[number])
-    runpy.run_path("block.py", run_name="__main__")
-
-
-def test_there_are_blocks_and_commands():
-    assert len(PYTHON) >= 2
-    assert len(SHELL) >= 5
-
-
 def test_the_board_of_the_makefile(made, monkeypatch, capsys):
     folder, solvers = made
     monkeypatch.chdir(folder)
@@ -101,30 +120,71 @@ def test_the_board_of_the_makefile(made, monkeypatch, capsys):
     assert out.count("of 2") == len(solvers)
 
 
-@pytest.mark.parametrize("line", SHELL)
-def test_shell_line_runs(line, made, tmp_path, monkeypatch, capsys):
-    """Each command of the README, with few runs; the estimator of the README is in the current folder."""
-    words = words_of(line)
-    folder, needed = Path(os.environ["SINS_ENV_DATA"]), [word for word in words if word.endswith(".npz")]
-    needed += ["rlg_parked_car.npz"] * ("rlg-car-v0" in words)
-    for name in needed:
-        if not (folder / name).exists():
-            pytest.skip(f"the recording {name} is not in $SINS_ENV_DATA (the project's ../shared/data)")
-    (tmp_path / "my_filter.py").write_text(PYTHON[1])
-    if words[0] in READERS:
-        to = [words[words.index("--db") + 1] if "--db" in words else "results.sqlite"]
-        if words[0] == "merge":
-            to = words[1 : words.index("--db")]
-        for name in to:
-            shutil.copy(made[0] / "results.sqlite", tmp_path / name)
+def a_file_of_mine():
+    """Write what the reader of README may have: a table of an IMU at rest, and one with fixes."""
+    rng, t, latitude = np.random.default_rng(1), np.arange(1, 2001) / 100, np.radians(48.1)
+    turn = 7.292115e-5 * np.array([np.cos(latitude), 0, -np.sin(latitude)]) + 1e-5 * rng.normal(size=(2000, 3))
+    push = np.array([0, 0, -9.809]) + 1e-3 * rng.normal(size=(2000, 3))
+    place = np.array([48.1, 11.6, 520]) + rng.normal(size=(20, 3)) * [1e-5, 1e-5, 1]
+    fixes = np.column_stack([t[99::100], place, 0.05 * rng.normal(size=(20, 3))])
+    for name, head, rows in (
+        ("imu.csv", "t_s,wx_rad_s,wy_rad_s,wz_rad_s,ax_mps2,ay_mps2,az_mps2", np.column_stack([t, turn, push])),
+        ("fixes.csv", "t_s,lat,lon,h,vn,ve,vd", fixes),
+    ):
+        np.savetxt(name, rows, "%.12g", ",", header=head, comments="")
+
+
+def my_filter():
+    """The estimator that the page linked in README prints."""
+    (page,) = re.findall(r"\[20 lines\]\((.*?\.md)", (ROOT / "README.md").read_text())
+    (code,) = re.findall(r"```python\n((?:(?!```).)*class GyroAndLevel.*?)```", (ROOT / page).read_text(), re.DOTALL)
+    return code
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+def test_block_runs(block, request, tmp_path, monkeypatch, capsys):
+    """A block runs from top to bottom in a folder of its own, with few runs."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
+    if block.language == "python":
+        (tmp_path / "block.py").write_text(block.code)
+        runpy.run_path("block.py", run_name="__main__")
+        return
+    words = [line.split()[1:] for line in block.commands]
+    if any(verb[0] in READERS for verb in words) and not any(verb[0] == "eval" for verb in words):
+        for name in ("results", "mine", "theirs"):
+            shutil.copy(request.getfixturevalue("made")[0] / "results.sqlite", f"{name}.sqlite")
+    if "imu.csv" in block.code:
+        a_file_of_mine()
+    if "my_filter" in block.code:
+        Path("my_filter.py").write_text(my_filter())
+        monkeypatch.syspath_prepend(tmp_path)
+    left_out = []
     try:
-        code = main(words)
+        for line in block.commands:
+            needed = re.findall(r"\S+\.npz", line) + ["rlg_parked_car.npz"] * ("rlg-car-v0" in line)
+            if all((Path(os.environ["SINS_ENV_DATA"]) / name).exists() for name in needed):
+                assert run(line) == 0, f"{line}\n{capsys.readouterr()}"
+            else:
+                left_out.append(line)
     finally:
         sys.modules.pop("my_filter", None)
-    out, err = capsys.readouterr()
-    assert code == 0, out + err
+    if left_out:
+        pytest.skip(f"not in $SINS_ENV_DATA (the project's ../shared/data): the recordings of {left_out}")
+
+
+def test_there_are_blocks_and_every_verb_has_its_line():
+    assert {block.values[0].page for block in BLOCKS} == set(PAGES)
+    page = (ROOT / "docs/command_line.md").read_text()
+    (verbs,) = [action.choices for action in parser()._actions if action.choices]
+    assert [verb for verb in verbs if not re.search(rf"(sins-env |`){verb}\b", page)] == []
+
+
+def test_readme_is_short_and_what_it_links_is_there():
+    readme = (ROOT / "README.md").read_text()
+    assert len(readme.splitlines()) <= 150
+    links = [link for link in re.findall(r"\]\(([^)#]+)", readme) if "://" not in link]
+    assert len(links) > 10
+    assert [link for link in links if not (ROOT / link).is_file()] == []
 
 
 def test_the_console_script(tmp_path):

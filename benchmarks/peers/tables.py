@@ -1,4 +1,4 @@
-"""Tables of the result: one row per filter for the terminal and ``--md``, one row per package for the README."""
+"""Tables of the result: one row per filter for the terminal and ``--md``, one row per package for docs/peers.md."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def bullets(lines: Sequence[str]) -> str:
 
 
 def wrapped(line: str, indent: str = "") -> str:
-    """Break a line to the width of the README's prose."""
+    """Break a line to the width of the page's prose."""
     return textwrap.fill(line, 132, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
@@ -173,7 +173,7 @@ def speed_table(result: Result) -> str:
 
 
 def section(result: Result) -> str:
-    """Return the section of the README."""
+    """Return the tables of docs/peers.md, with what they say."""
     most = int(list(result["rows"][0]["steps_per_s"])[-1])
     return "\n\n".join(
         [

@@ -1,4 +1,4 @@
-"""benchmarks/suite.py, leaderboard.py, readme.py and story.py: the tables and figures are what registry and results say."""
+"""benchmarks/suite.py, leaderboard.py, pages.py and story.py: the tables and figures are what registry and results say."""
 
 import dataclasses
 import importlib
@@ -24,7 +24,7 @@ def benchmarks():
     folder = str(ROOT / "benchmarks")
     sys.path.insert(0, folder)
     try:
-        names = ("leaderboard", "readme", "story", "suite", "zoo")
+        names = ("choose", "leaderboard", "pages", "story", "suite", "zoo")
         yield SimpleNamespace(**{name: importlib.import_module(name) for name in names})
     finally:
         sys.path.remove(folder)
@@ -32,14 +32,14 @@ def benchmarks():
 
 @pytest.fixture(scope="module")
 def board(benchmarks):
-    return json.loads(benchmarks.readme.JSON.read_text())
+    return json.loads(benchmarks.pages.JSON.read_text())
 
 
-def test_readme_and_page_are_what_registry_and_results_say(benchmarks, board):
-    readme = benchmarks.readme
-    document = readme.README.read_text()
-    assert readme.written(document, board) == document, "python benchmarks/readme.py"
-    assert readme.page(board) == readme.PAGE.read_text(), "python benchmarks/readme.py"
+def test_the_pages_are_what_registry_and_results_say(benchmarks, board):
+    pages = benchmarks.pages
+    for name, blocks in pages.PAGES.items():
+        page = (pages.DOCS / name).read_text()
+        assert pages.written(page, blocks, board) == page, f"{name} is stale: python benchmarks/pages.py"
 
 
 def test_every_solver_says_in_a_line_what_it_is_and_where_it_is_from(benchmarks):
@@ -133,9 +133,9 @@ def test_a_run_goes_on_where_it_ended_and_says_what_it_found(benchmarks, brief, 
     assert entries["B", "ckf"]["rms_raw"] != ckf["rms_raw"]
     for name in ("cost", "failures", "time"):
         assert "<svg" in (tmp_path / f"{name}.svg").read_text()
-    shown = benchmarks.readme.leaderboard(made)
+    shown = benchmarks.pages.leaders(made)
     assert shown.splitlines()[2].startswith(f"| brief | {math.degrees(task['bound']):.2f}° | ")
-    assert "## brief-v0" in benchmarks.readme.page(made)
+    assert "### brief-v0" in benchmarks.pages.results(made)
     with Store(path) as store:
         assert json.loads(leaderboard.as_text(leaderboard.as_data(store))) == made
 
@@ -217,8 +217,8 @@ def told(benchmarks):
 
 
 def test_the_tables_say_who_wins_and_how_sure_it_is(benchmarks, told):
-    readme = benchmarks.readme
-    _, _, white, hot, _, claims, _, made = readme.leaderboard(told).splitlines()
+    pages = benchmarks.pages
+    _, _, white, hot, _, claims, _, made = pages.leaders(told).splitlines()
     assert white.startswith(
         "| white | 186″ | 206″ [186″–227″], ×1.10 [1.00–1.20], 0 of 200 failed [0–1.8 %], 120 s | **`gsf_imm`** "
     )
@@ -226,7 +226,7 @@ def test_the_tables_say_who_wins_and_how_sure_it_is(benchmarks, told):
     assert hot.startswith("| hotstart60 | (186″) | ")
     assert hot.endswith("| 0.970 [0.873–1.07], p 0.3: not told apart | - |")
     told["results"] = [one for one in told["results"] if (one["suite"], one["solver"]) != ("B", "gsf_imm")]
-    alone = readme.leaderboard(told).splitlines()[2]  # what selected it does not confirm it
+    alone = pages.leaders(told).splitlines()[2]  # what selected it does not confirm it
     assert " `gsf_imm` " in alone
     assert "**`gsf_imm`**" not in alone
     assert "on the runs that selected it, not confirmed | `two_pass` |" in alone
@@ -236,10 +236,10 @@ def test_the_tables_say_who_wins_and_how_sure_it_is(benchmarks, told):
     assert made.startswith(
         "Made 2026-01-01 to 2026-01-02 by code 1 (python 1, numpy 1, scipy 1), suite seeds 0 (A) and 1 (B). Rows of code 0"
     )
-    zoo = {line.split("`")[1]: line.split(" | ") for line in readme.zoo_table(told).splitlines()[2:]}
+    zoo = {line.split("`")[1]: line.split(" | ") for line in pages.zoo_table(told).splitlines()[2:]}
     assert zoo["gsf_imm"][-2:] == ["2.0", "hotstart60 0.020 (fragile), white 0.80 |"]
     assert zoo["two_pass"][-1] == "- |"
-    page = readme.page(told).splitlines()
+    page = pages.results(told).splitlines()
     assert (
         "| - | `gpf` | 40 | 0 [0–1.8 %] | 206″ [186″–227″] | ×1.10 [1.00–1.20] | 124″ | 120 | 1.0 | 2.0 | - | preliminary |"
         in page
@@ -249,6 +249,48 @@ def test_the_tables_say_who_wins_and_how_sure_it_is(benchmarks, told):
     assert "| (×1.10 [1.00–1.20]) |" in win
     assert "| 0.0200 [0.0180–0.0220], p 0.004 | wins, fragile |" in win
     assert "`gsf_imm` and `two_pass` are told apart at 400 runs: 0.970 [0.960–0.980]." in page
+
+
+def taken(benchmarks, told):
+    """The solver that the table takes in each of its rows, and the rows."""
+    rows = benchmarks.choose.situations(told).splitlines()[2:]
+    return [row.split("`")[1] for row in rows], rows
+
+
+def test_the_cheapest_solver_that_is_as_good_as_the_leader_is_taken(benchmarks, told):
+    """Cost decides among the leader's equals: those that win as it does, and are no worse than one told apart from it."""
+    white, (_, two_pass) = "sway-white-v0", told["results"][4:6]
+    names, (first, hot) = taken(benchmarks, told)
+    assert names == ["gsf_imm", "gsf_imm"]
+    assert first.startswith(
+        "| [all is as told, base sways](leaderboard.md#sway-white-v0) | **`gsf_imm`** | 2.0 | ×1.10 ["
+    )
+    assert first.endswith("| 0.900 [0.810–0.990], confirmed on suite B | ×1.10 [1.00–1.20], 0 of 200 [0–1.8 %] |")
+    assert "| 0.970 [0.873–1.07], not told apart on suite B |" in hot
+    two_pass.update(cost=1.0, word="wins")
+    assert taken(benchmarks, told)[0][0] == "gsf_imm"  # the pair is told apart
+    told["pairs"] = []
+    names, (first, _) = taken(benchmarks, told)
+    assert names[0] == "two_pass"
+    assert "| `two_pass` | 1.0 |" in first
+    assert "wins on suite A | ×" in first
+    two_pass["word"] = "undecided"
+    assert taken(benchmarks, told)[0][0] == "gsf_imm"  # the leader wins, and it does not
+    told["tasks"] = [task for task in told["tasks"] if task["task"] != white]
+    assert len(taken(benchmarks, told)[1]) == 1  # nothing is said of what has not been played
+
+
+def test_one_solver_for_everything_is_the_one_that_is_beaten_least(benchmarks, told):
+    everything, cheap = benchmarks.choose.whole(told).splitlines()[2:]
+    assert everything == "| one solver for everything | `gsf_imm` | 2.0 | 2 of 2 tasks | - |"
+    for one in told["results"]:
+        one["cost"] = {"gsf_imm": 7.0, "ckf": 1.0}.get(one["solver"], 3.0)
+    assert benchmarks.choose.whole(told).splitlines()[3] != cheap
+    assert "| `ckf` | 1.0 | 0 of 2 tasks | white, hotstart60 |" in benchmarks.choose.whole(told)
+
+
+def test_every_situation_is_a_task_of_the_suite(benchmarks):
+    assert set(benchmarks.choose.SITUATIONS) <= set(tasks.names())
 
 
 def test_no_label_of_a_figure_covers_another(benchmarks):

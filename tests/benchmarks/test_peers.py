@@ -1,4 +1,4 @@
-"""benchmarks/peers.py: the problem that other packages get, those of them that CI has, and what the README says of them."""
+"""benchmarks/peers.py: the problem that other packages get, those of them that CI has, and what docs/peers.md says of them."""
 
 import importlib
 import json
@@ -45,9 +45,9 @@ def problem(peers):
     return peers["problem"].record("sway-white-v0", 4, 12)
 
 
-def test_the_readme_says_what_was_measured(peers):
+def test_the_page_says_what_was_measured(peers):
     markers = importlib.import_module("markers")
-    assert markers.between((ROOT / "README.md").read_text(), "peers") == peers["tables"].section(RESULT)
+    assert markers.between((ROOT / "docs" / "peers.md").read_text(), "peers") == peers["tables"].section(RESULT)
 
 
 def test_fix_by_fix_and_whole_records_are_told_apart(peers):
