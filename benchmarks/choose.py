@@ -1,8 +1,8 @@
 """Which filter to take in which situation, decided by the verdicts of leaderboard.json: the tables of docs/choose.md.
 
 The solver to take is the cheapest of those that are as good as the leader: nobody beats them, they win against ckf where the leader
-does, and no pair at up to 800 runs tells them, or a better one, from the leader. A task that has not been played, and a task without
-a situation, have no row.
+does, and no pair at up to 800 runs tells them, or a better one, from the leader. A task that has not been played, or that has no
+situation, has no row.
 """
 
 from __future__ import annotations
