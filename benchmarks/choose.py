@@ -1,7 +1,7 @@
 """Which filter to take in which situation, decided by the verdicts of leaderboard.json: the tables of docs/choose.md.
 
-The solver to take is the cheapest of those that are as good as the leader: nobody beats them, they win against ckf where the leader
-does, and no pair at up to 800 runs tells them, or a better one, from the leader. A task that has not been played, or that has no
+The solver to take is the cheapest of those that are as good as the leader. Nobody beats them, and they win against ckf where the
+leader does. No pair at up to 800 runs tells them, or a better one, from the leader. A task that has not been played, or that has no
 situation, has no row.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from itertools import takewhile
+from pathlib import Path
 
 import suite
 import wording
@@ -44,6 +45,7 @@ SITUATIONS: Mapping[str, str] = {
     "static8-v0": "base stands still",
     "vehicle-v0": "parked car that people disturb",
 }
+PAGE = Path("docs/leaderboard.md").name  #: page that the situations link to, beside their own
 CHEAP = 2.0  #: largest cost of a step, over that of ckf, of a solver that counts as cheap
 
 
@@ -63,7 +65,7 @@ def _row(board: Board, task: Entry, what: str) -> tuple[str, ...] | None:
     cost = wording.costs(board, task["task"]).get(one["solver"])
     yardstick = wording.found(board, task["task"], one["suite"], suite.YARDSTICK)
     there = "-" if yardstick is None or yardstick is one else _told(yardstick, task)
-    link = f"[{what}](leaderboard.md#{task['task']})"
+    link = f"[{what}]({PAGE}#{task['task']})"
     return (
         link,
         wording.name(one),

@@ -21,10 +21,14 @@ from sins_env.evaluation.show.numbers import number_text, seconds_text
 from sins_env.evaluation.tasks.catalogue import TASKS
 
 ROOT = Path(__file__).resolve().parents[1]
-DOCS = ROOT / "docs"
 JSON = ROOT / "benchmarks" / "leaderboard.json"
 MOST = 4  #: largest number of tasks of a solver in the zoo's table
 MOST_NAMED = 5  #: largest number of solvers beside the leader
+
+
+def page(name: str) -> Path:
+    """Return the path of a page of docs."""
+    return ROOT / "docs" / f"{name}.md"
 
 
 def written(document: str, blocks: Mapping[str, Callable[[Board], str]], board: Board) -> str:
@@ -220,19 +224,19 @@ def _where(board: Board, solver: str) -> str:
     return ", ".join(told[:MOST]) + (f" and {len(told) - MOST} more" if len(told) > MOST else "") or "-"
 
 
-#: The generated blocks of each page, by the names of their markers.
+#: The generated blocks of each page of docs, by the names of their markers.
 PAGES: Mapping[str, Mapping[str, Callable[[Board], str]]] = {
-    "choose.md": {"situations": choose.situations, "whole": choose.whole},
-    "leaderboard.md": {"leaders": leaders, "results": results},
-    "tasks.md": {"tasks": tasks_table},
-    "zoo.md": {"zoo": zoo_table},
+    "choose": {"situations": choose.situations, "whole": choose.whole},
+    "leaderboard": {"leaders": leaders, "results": results},
+    "tasks": {"tasks": tasks_table},
+    "zoo": {"zoo": zoo_table},
 }
 
 
 def main() -> None:
     board = json.loads(JSON.read_text())
     for name, blocks in PAGES.items():
-        path = DOCS / name
+        path = page(name)
         path.write_text(written(path.read_text(), blocks, board))
         remark(f"tables: {path}")
 

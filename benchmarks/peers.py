@@ -29,7 +29,7 @@ from markers import replaced
 from peers import environment, features, tables
 
 RESULT = Path(__file__).with_name("peers.json")
-PAGE = environment.ROOT / "docs" / "peers.md"
+PAGE = environment.ROOT / "docs/peers.md"
 SECTION = "peers"
 ONE_THREAD = {
     **dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"),
