@@ -38,7 +38,7 @@ LAYERS = (
         "sins_env.evaluation.solution",
     ),
     ("sins_env.evaluation",),
-    ("sins_env.learning",),
+    ("sins_env.learning", "sins_env.wrappers"),
     ("sins_env.cli", "sins_env.tasks"),
     ("sins_env",),
     ("solvers.types",),

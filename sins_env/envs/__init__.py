@@ -14,13 +14,21 @@ __all__ = ["ENV_IDS", "register"]
 
 #: Ids of the environments, as ``gymnasium.make`` takes them.
 ENV_IDS = tuple(ENVIRONMENTS)
+#: Environments that play solvers, and so lie above the evaluation: the paths of both forms. They are imported when one is made.
+PLAYING = {
+    "SINS/TuneNoise-v0": (
+        "sins_env.learning.tune_noise:TuneNoiseEnv",
+        "sins_env.learning.tune_noise:TuneNoiseVectorEnv",
+    )
+}
 
 
 def register() -> None:
     """Register every environment; a second call changes nothing."""
-    for env_id, vector in ENVIRONMENTS.items():
+    paths = {env_id: (_path(vector.single), _path(vector)) for env_id, vector in ENVIRONMENTS.items()}
+    for env_id, (single, together) in (paths | PLAYING).items():
         if env_id not in gymnasium.registry:
-            gymnasium.register(env_id, entry_point=_path(vector.single), vector_entry_point=_path(vector))
+            gymnasium.register(env_id, entry_point=single, vector_entry_point=together)
 
 
 def _path(cls: type) -> str:

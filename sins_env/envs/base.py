@@ -31,7 +31,7 @@ def _check_render_mode(render_mode: str | None) -> str | None:
     return None if render_mode is None else checks.choice("render_mode", render_mode, RENDER_MODES)
 
 
-def _check_seeds(seed: Any, rows: int) -> list[int | None]:
+def check_seeds(seed: Any, rows: int) -> list[int | None]:
     """Return one seed for each row. A whole number is that of row 0, and the other rows follow one by one."""
 
     def fits(value: Any) -> bool:
@@ -45,6 +45,14 @@ def _check_seeds(seed: Any, rows: int) -> list[int | None]:
     if len(seeds) != rows:
         raise ValueError(f"{len(seeds)} seeds; allowed: one int, or {rows} seeds, one per row")
     return [None if s is None else int(s) for s in seeds]
+
+
+def seeded(seeds: Sequence[int | None], old: Sequence[np.random.Generator] | None) -> list[np.random.Generator]:
+    """Return a generator for each row: a new one for a seed, and that of the row before, if there is one, for None."""
+    before: Sequence[Any] = old or [None] * len(seeds)
+    return [
+        rng if s is None and rng is not None else seeding.np_random(s)[0] for s, rng in zip(seeds, before, strict=True)
+    ]
 
 
 def _check_action(action: Any, space: gymnasium.Space[Any], navigate: bool) -> Array:
@@ -114,7 +122,7 @@ class EpisodeEnv(gymnasium.Env[Obs, Array]):
         Raises:
             ValueError: a seed that is no whole number from 0 on, or an option that the environment does not have.
         """
-        (checked,) = _check_seeds(seed, 1)
+        (checked,) = check_seeds(seed, 1)
         super().reset(seed=checked)
         obs, info = self.episode.reset([self.np_random], options, squeeze=True)
         if self._renderer:
@@ -184,11 +192,8 @@ class EpisodeVectorEnv(VectorEnv[Obs, Array, NDArray[Any]]):
         Raises:
             ValueError: seeds of another number, or an option that the environment does not have.
         """
-        seeds = _check_seeds(seed, self.num_envs)
-        old: Sequence[Any] = self._rngs or [None] * self.num_envs
-        self._rngs = [
-            rng if s is None and rng is not None else seeding.np_random(s)[0] for s, rng in zip(seeds, old, strict=True)
-        ]
+        seeds = check_seeds(seed, self.num_envs)
+        self._rngs = seeded(seeds, self._rngs)
         self._over = False
         obs, info = self.episode.reset(self._rngs, options)
         if self._renderer:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import re
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -20,11 +21,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from sins_env.checks import refused
 from sins_env.envs.spaces import action_space
 from sins_env.learning.drawing import INCREMENTS, Batch, Drawing
 from sins_env.learning.facts import about
 from sins_env.learning.seeds import training_seed
 
+ID = re.compile(r"([-\w]+/)*[-\w]+-v\d+")
 MISSING = 'Minari is not installed; pip install "sins-env[minari]" brings it, and a file that ends in .npz needs none'
 
 
@@ -51,6 +54,10 @@ def write(
         ImportError: Minari is not installed.
     """
     local, storages = _module("minari.storage"), _module("minari.dataset.minari_storage")
+    if not ID.fullmatch(dataset_id):
+        raise refused(
+            "out", f"minari:{dataset_id}", "minari:NAME-vN, with a namespace in front perhaps: minari:sins/sway-v0"
+        )
     namespace, _, _ = _module("minari.dataset.minari_dataset").parse_dataset_id(dataset_id)
     final = Path(local.get_dataset_path(dataset_id))
     if final.exists():

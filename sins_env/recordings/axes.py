@@ -56,6 +56,14 @@ def swap_ned(vectors: Array) -> Array:
     return vectors[..., [1, 0, 2]] * np.array([1.0, 1.0, -1.0])
 
 
+def swap_ned_attitude(q_nb: Array) -> Array:
+    """Turn the attitude (..., 4) of a Right-Forward-Up body in ENU into that of a Forward-Right-Down body in NED, or back.
+
+    C' = T C T with the swap T, which is a half turn about (1, 1, 0) and its own inverse.
+    """
+    return q_nb[..., [0, 2, 1, 3]] * np.array([1.0, 1.0, 1.0, -1.0])
+
+
 def heading_pitch_roll(q_nb: Array) -> Array:
     """Read heading in [0, 2 pi), pitch and roll, rad, (..., 3), from an attitude (..., 4).
 

@@ -5,10 +5,12 @@ Read :mod:`solvers.pipeline.integration` first, which has everything that both s
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sins_env.arrays import Array
 from sins_env.checks import build
@@ -144,6 +146,19 @@ class Pipeline:
     def diagnostics(self) -> dict[str, Array]:
         """Return what the filter knows beside its estimate, by name; nothing in the coarse phase."""
         return self.running.diagnostics()
+
+    @property
+    def readings(self) -> dict[str, int]:
+        """Number of components of the fixes and of each aid by name; known after ``reset``."""
+        return self.running.readings
+
+    def scale_noise(self, q: ArrayLike = 1.0, r: ArrayLike | Mapping[str, ArrayLike] = 1.0) -> None:
+        """Multiply the told Q and R by factors from the next epoch on (:meth:`Integration.scale_noise`).
+
+        Raises:
+            RuntimeError, ValueError: as there.
+        """
+        self.running.scale_noise(q, r)
 
     def smoother(self) -> Smoother:
         """Return an estimator of the same answers whose ``smoothed()`` has the states of all epochs from all fixes.

@@ -7,10 +7,12 @@ answer is.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sins_env import earth
 from sins_env.arrays import Array, Mask
@@ -32,6 +34,7 @@ from solvers.pipeline.coarse.spread import told_by
 from solvers.pipeline.errors.equivariant import Equivariant
 from solvers.pipeline.errors.invariant import Euler, Invariant
 from solvers.pipeline.errors.model import ErrorModel, told
+from solvers.pipeline.noise_factors import NoiseFactors
 from solvers.pipeline.rewind import Samples
 from solvers.pipeline.settings import Settings
 from solvers.pipeline.strapdown import Strapdown, StrapdownState, bridge_noise, carried_sample
@@ -98,6 +101,7 @@ class Integration(ABC):
         #: Parameters of aids that have been fed back so far by name, (..., size) in SI units.
         self.own: dict[str, Array] = {}
         self._innovation: Innovation | None = None  # of the last epoch
+        self._factors: NoiseFactors | None = None  # of the assumed noise; None: as told
         self._coarse: coarse_methods.Coarse | None = None
         self._past: list[Observation] = []  # epochs of the coarse phase, if they are filtered again
         self._waiting: Mask = np.zeros(
@@ -169,6 +173,26 @@ class Integration(ABC):
             return {}
         found = {**self.filter.diagnostics(self.belief), **self._constants()}
         return found if self._innovation is None else {**found, **fits(self._innovation, self._aids.rows)}
+
+    @property
+    def readings(self) -> dict[str, int]:
+        """Number of components of the fixes and of each aid by name; known after ``reset``."""
+        return {name: rows.stop - rows.start for name, rows in self._aids.rows.items()}
+
+    def scale_noise(self, q: ArrayLike = 1.0, r: ArrayLike | Mapping[str, ArrayLike] = 1.0) -> None:
+        """Multiply the told Q by ``q`` and the told R by ``r``, from the next epoch until another call or ``reset``.
+
+        A factor is one number, or one for each run (...). ``r`` may be a mapping from the names of ``readings`` to factors.
+
+        Raises:
+            RuntimeError: there has been no ``reset``.
+            ValueError: an unknown sensor, a factor that is not positive and finite, or an estimator with ``zero_rate``, whose
+                measurement has the noise of the prediction.
+        """
+        _ = self.task
+        if self.settings.zero_rate:
+            raise ValueError("scale_noise with zero_rate = True; allowed: with zero_rate = False")
+        self._factors = NoiseFactors.of(q, r, self._aids.rows)
 
     def _constants(self) -> dict[str, Array]:
         """Return biases and parameters of aids, each with its standard deviation; NaN in runs that have not begun."""
@@ -328,6 +352,9 @@ class Integration(ABC):
         if (bridged := bridge_noise(obs)) is not None:
             Q = Q + self._errors.disturbed(motion, bridged)
         transition = self._coordinates.transition(self._errors.transition(motion, Q), before, ins)
+        if self._factors is not None:
+            transition = self._factors.process(transition)
+            measurement = None if measurement is None else self._factors.measurement(measurement)
         if measurement is not None:
             measurement = self._coordinates.measurement(measurement, ins)
             if self.settings.aid_gate < 1.0:

@@ -162,6 +162,7 @@ def test_minari(tmp_path, monkeypatch):
         assert np.array_equal(metadata[i]["start_q_nb"], data["start_q_nb"][i])
         assert (metadata[i]["split"], metadata[i]["run_seed"]) == (data["split"][i], data["seed"][i])
     assert made.recover_environment().unwrapped.env_id == "SINS/AlignSway-v0"
-    with pytest.raises(ValueError, match="which exists at"):
-        sins_env.dataset(out="minari:sins/short-v0", **given)
+    for name, text in (("sins/short-v0", "which exists at"), ("short", "allowed: minari:NAME-vN")):
+        with pytest.raises(ValueError, match=text):
+            sins_env.dataset(out=f"minari:{name}", **given)
     assert [path.name for path in (tmp_path / "sins").iterdir() if path.is_dir()] == ["short-v0"]

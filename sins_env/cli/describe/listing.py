@@ -5,7 +5,8 @@ from __future__ import annotations
 import inspect
 from argparse import Namespace
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from importlib.metadata import EntryPoint
+from typing import Any, NamedTuple
 
 from rich.console import Console
 from rich.markup import escape
@@ -13,7 +14,7 @@ from rich.table import Table
 
 from sins_env.checks import choice
 from sins_env.cli.describe import layout
-from sins_env.envs import ENV_IDS
+from sins_env.envs import ENV_IDS, PLAYING
 from sins_env.envs.environments import ENVIRONMENTS
 from sins_env.evaluation import reproduction
 from sins_env.evaluation.estimators import finding
@@ -32,8 +33,14 @@ NO_SOLVERS = "none installed: pip install . in the project's directory, or use m
 Rows = Iterable[tuple[str, ...]]
 
 
+def environments() -> dict[str, type[Any]]:
+    """Return every environment by its id, in its single form."""
+    playing = {env_id: EntryPoint("", single, "").load() for env_id, (single, _) in PLAYING.items()}
+    return {env_id: vector.single for env_id, vector in ENVIRONMENTS.items()} | playing
+
+
 def _environments() -> Rows:
-    return ((env_id, layout.summary(vector.single.__doc__)) for env_id, vector in ENVIRONMENTS.items())
+    return ((env_id, layout.summary(cls.__doc__)) for env_id, cls in environments().items())
 
 
 def _tasks() -> Rows:
@@ -76,7 +83,7 @@ class Kind(NamedTuple):
 
 
 KINDS = {
-    "environments": Kind(lambda: ENV_IDS, ("id", "what"), _environments),
+    "environments": Kind(lambda: (*ENV_IDS, *PLAYING), ("id", "what"), _environments),
     "tasks": Kind(lambda: TASKS, ("name", "what", "aligned within"), _tasks),
     "solvers": Kind(finding.names, ("name", "what"), _solvers),
     "flights": Kind(lambda: PROFILES, ("name", "what"), _flights),

@@ -16,10 +16,11 @@ from sins_env import recordings
 from sins_env.checks import unknown
 from sins_env.cli.describe import figures, layout
 from sins_env.cli.describe.flight import describe_flight, draw_flight, is_motion
-from sins_env.cli.describe.listing import KINDS
+from sins_env.cli.describe.listing import KINDS, environments
 from sins_env.cli.describe.recording import describe_recording, is_recording
 from sins_env.cli.describe.scenario import as_yaml, describe_keys, is_scenario_file
 from sins_env.cli.output import check_plot, save_figure
+from sins_env.envs.base import EpisodeEnv
 from sins_env.envs.environments import ENVIRONMENTS
 from sins_env.evaluation.estimators import finding
 from sins_env.evaluation.play.progress import Bar
@@ -68,7 +69,7 @@ def describe(given: Namespace, console: Console) -> int:
         found = _task(get_task(name), console)
     elif (task := find(name)) is not None:
         found = _task(task, console)
-    if name in ENVIRONMENTS:
+    if name in KINDS["environments"].names():
         found = _environment(name, console)
     for kind, presets in (("IMU", IMU_PRESETS), ("GPS", GPS_PRESETS)):
         if name in presets:
@@ -122,7 +123,7 @@ def _task(task: EvaluationTask, console: Console) -> bool:
 
 
 def _environment(env_id: str, console: Console) -> bool:
-    cls = ENVIRONMENTS[env_id].single
+    cls = environments()[env_id]
     console.print(f"[bold]{env_id}[/]  {escape(layout.summary(cls.__doc__))}\n", highlight=False)
     for base in filter(dataclasses.is_dataclass, inspect.getmro(cls.settings)):
         for paragraph in inspect.cleandoc(base.__doc__ or "").split("\n\n"):
@@ -131,9 +132,20 @@ def _environment(env_id: str, console: Console) -> bool:
     table = layout.table("keyword arguments", "name", "default")
     for field in dataclasses.fields(cls.settings):
         table.add_row(field.name, escape(repr(field.default)))
-    table.add_row("reveal_truth", "False")
-    table.add_row("render_mode", "None")
+    if env_id in ENVIRONMENTS:
+        table.add_row("reveal_truth", "False")
+        table.add_row("render_mode", "None")
     console.print(table)
+    if env_id in ENVIRONMENTS:
+        _estimates(cls, console)
+    else:
+        console.print("docs/learning.md#tuning has observation, action and reward.", highlight=False)
+    console.print("num_envs environments, by gymnasium.make_vec, put an axis in front of all shapes.", highlight=False)
+    return True
+
+
+def _estimates(cls: type[EpisodeEnv], console: Console) -> None:
+    """Print observation and action of an environment whose action is an estimate."""
     table = layout.table("observation of an epoch, and the action", "name", "shape", "what")
     for name, (shape, what) in OBSERVATION.items():
         table.add_row(name, shape, what)
@@ -142,8 +154,6 @@ def _environment(env_id: str, console: Console) -> bool:
     for navigates in cls.navigates:
         table.add_row("action", *(NAVIGATION if navigates else ALIGNMENT))
     console.print(table)
-    console.print("num_envs environments, by gymnasium.make_vec, put an axis in front of all shapes.", highlight=False)
-    return True
 
 
 def _fields(title: str, spec: Any, console: Console) -> None:

@@ -15,7 +15,7 @@ from sins_env.arrays import Array
 from sins_env.evaluation.solution.columns import FRAMES, columns
 from sins_env.evaluation.solution.epochs import Epochs
 from sins_env.recordings import Reference, seconds
-from sins_env.recordings.axes import swap_ned
+from sins_env.recordings.axes import swap_ned, swap_ned_attitude
 from sins_env.recordings.formats.kfgins import truth_rows
 from sins_env.writing.files import replacing
 from sins_env.writing.visible import visible
@@ -92,8 +92,8 @@ def _tum(one: Epochs, path: str | Path, frame: str) -> None:
     assert one.replay.source is not None
     model = earth.get(one.replay.source.site.earth)
     enu = earth.offset(model, np.broadcast_to(pos[:1], pos.shape), pos)
-    if frame == "ned":  # C' = T C T with the swap T, which is a half turn about (1, 1, 0)
-        enu, q = swap_ned(enu), q[:, [0, 2, 1, 3]] * [1.0, 1.0, 1.0, -1.0]
+    if frame == "ned":
+        enu, q = swap_ned(enu), swap_ned_attitude(q)
     rows = np.column_stack([t, enu, q[:, 1:], q[:, :1]])
     write(path, lambda new: np.savetxt(new, rows, fmt="%.6f" + " %.6f" * 3 + " %.9f" * 4))
 
