@@ -27,10 +27,10 @@ from sins_env.arrays import Array
 from sins_env.evaluation.estimators.guard import Guard
 from sins_env.evaluation.play.loop import Loop
 from sins_env.evaluation.tasks.task import EvaluationTask
+from solvers import zoo
 
-SOLVERS = ("gsf_imm", "gsf_imm:noisy", "student_t_ckf", "inekf", "ekf")
-#: Settings of the variant ``:noisy``: the models of gsf_imm, and one of an IMU with a thousand times the told variances.
-NOISY = {"imu_factors": ((1.0, 1.0), (1.0, 0.01), (30.0, 0.01), (30.0, 1e-4), (1000.0, 1000.0))}
+#: ``:recorded`` has the settings with which ``navigate`` takes a recording.
+SOLVERS = ("gsf_imm:recorded", "gsf_imm", "student_t_ckf", "inekf", "ekf")
 EPOCH_S, DURATION_S, WITHHELD_S, BACK_S = 0.25, 330.0, 15.0, 20.0
 STARTS_S = (120.0, 160.0, 200.0, 240.0, 280.0)
 #: True IMU where a solver is told the preset: biases that wander within a minute, as vibration and heat do in a car.
@@ -67,7 +67,7 @@ def task_of(seed: int, rough: bool) -> EvaluationTask:
 def errors(task: EvaluationTask, name: str, runs: int) -> Array:
     """Return the horizontal errors of the position of a solver, (epochs, runs), m."""
     env, seeds = task.make(runs), list(range(runs))
-    solver = solvers.make(name.removesuffix(":noisy"), **(NOISY if name.endswith(":noisy") else {}))
+    solver = solvers.make(name.removesuffix(":recorded"), **(zoo.RECORDED if name.endswith(":recorded") else {}))
     rngs = [np.random.default_rng([seed]) for seed in seeds]
     loop = Loop(env, Guard(solver, runs), task.reset(env, seeds)[0], rngs)
     found = [np.hypot(*info["errors"]["pos"][:, :2].T) for _, _, info, _, _ in loop]

@@ -1,4 +1,4 @@
-"""Table of docs/mathematics/aiding.md: how often the detector of rest calls data still that are, and that are not.
+"""Rest that is seen: how parked cars are aligned, and how often the detector calls data still that are, and that are not.
 
     python benchmarks/stillness.py                  # simulated data, and the recordings in $SINS_ENV_DATA
 
@@ -20,7 +20,10 @@ from rich.console import Console
 from rich.table import Table
 
 import sins_env  # noqa: F401  registers the environments
+import solvers
 from sins_env.arrays import Mask
+from sins_env.units import DEG
+from solvers import zoo
 from solvers.pipeline.aiding.stillness import WINDOW_S, Stillness
 
 RUNS, SECONDS = 8, 60.0
@@ -45,6 +48,12 @@ SIMULATED: Mapping[str, tuple[str, dict[str, Any]]] = {
     "straight cruise at 15 m/s": ("SINS/NavFlight-v0", {"profile": STRAIGHT}),
     "straight creep at 0.5 m/s": ("SINS/NavFlight-v0", {"profile": SLOW}),
 }
+#: Parked cars with the sensors of navgrade_car_gps.npz and a fix a second; estimators begin at switch-on.
+PARKED: dict[str, Any] = {
+    "imu": "navgrade-car", "gps": {"preset": "dgps", "rate_hz": 1.0}, "n_sub": 10, "coarse": 0.0, "start": "unknown",
+    "duration": 70.0,
+}  # fmt: skip
+AT_S, PARKED_RUNS, PARKED_SEED = (25.0, 40.0, 60.0, 68.0), 20, 7
 FACTORS = (1.0, 30.0, 100.0)  #: what the told white noise is multiplied by, for the recordings
 LASER, NAVGRADE = "rlg_parked_car.npz", "navgrade_car_gps.npz"
 #: Windows of the recordings, start and length in s.
@@ -71,7 +80,35 @@ def stills(env: Any, runs: int, factor: float = 1.0) -> Mask:
     return np.array(found[round(WINDOW_S / task.epoch_s) :])
 
 
+def headings(scene: str, settings: Mapping[str, Any], runs: int, seed: int) -> list[str]:
+    """Return RMS heading error, deg, median sigma, deg, and NEES of gsf_imm in parked cars, a cell for each of ``AT_S``."""
+    env = gymnasium.make_vec("SINS/AlignVehicle-v0", num_envs=runs, events=scene, **PARKED)
+    obs, _ = env.reset(seed=seed)
+    task, solver, cells = env.unwrapped.task, solvers.make("gsf_imm", **settings), []  # type: ignore[attr-defined]
+    solver.reset(task, np.random.default_rng(seed), runs)
+    ends = [round(at / task.epoch_s) for at in AT_S]
+    for k in range(1, ends[-1] + 1):
+        obs, _, _, _, info = env.step(solver.step(obs))
+        if k in ends:
+            error, sigma = info["errors"]["phi"][:, 2] / DEG, np.sqrt(solver.covariance()[:, 2, 2]) / DEG
+            rms, nees = np.sqrt(np.square(error).mean()), np.square(error / sigma).mean()
+            cells.append(f"{rms:.2f}, {np.median(sigma):.2f}, {nees:.2f}")
+    return cells
+
+
+def parked() -> None:
+    """Print how gsf_imm aligns parked cars that people rock, with its settings for recordings and with its defaults."""
+    table = Table(title=f"heading of {PARKED_RUNS} parked cars: RMS error and median sigma, deg, and NEES")
+    for name in ("scene", "settings", *(f"{at:g} s" for at in AT_S)):
+        table.add_column(name)
+    for scene in ("rocking", "people", "mixed"):
+        for name, settings in (("for recordings", zoo.RECORDED), ("default", {})):
+            table.add_row(scene, name, *headings(scene, settings, PARKED_RUNS, PARKED_SEED))
+    Console(width=120).print(table)
+
+
 def main() -> None:
+    parked()
     table = Table(title="share of epochs that are called still")
     for name in ("data", *IMUS):
         table.add_column(name)
