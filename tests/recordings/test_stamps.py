@@ -171,6 +171,8 @@ def test_a_bridge_tells_what_it_is_off_by():
     short = replace(first, dtheta=dtheta[19_900:20_030], dvel=dvel[19_900:20_030])
     short.dtheta[5:100] = short.dvel[5:100] = np.nan
     assert bridged(short, 1.0).bridged == ()  # no stretch has the samples of such a bridge
+    twice = made.recording(samples=100, gaps=[slice(40, 45), slice(60, 90)])
+    assert len(bridged(bridged(twice, 0.03), 0.2).bridged) == 1  # nor if some of them are bridged themselves
 
 
 def test_jitter_is_told():

@@ -6,6 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from oracles import made
 from oracles import recorded as files
 from oracles.replays import REPLAY, make, play, stacked, vector
 
