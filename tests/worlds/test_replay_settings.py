@@ -148,7 +148,9 @@ def test_gaps(tmp_path):
     assert make(path, epoch=0.05, window=(1.0, 3.0)).task.num_epochs == 60
     assert make(path, epoch=0.05, window=(5.15, 3.0)).task.num_epochs == 60
     assert make(path, epoch=0.05).episode.world.windows.starts == pytest.approx([5.15])
-    with pytest.raises(ValueError, match=r"allowed: windows without a gap$"):  # nothing tells the error of such a bridge
+    with pytest.raises(
+        ValueError, match=r"allowed: windows without a gap$"
+    ):  # nothing tells the error of such a bridge
         make(made.recording(samples=600, gaps=[slice(100, 500)]), epoch=0.05, window=(1000.0, 3.0))
 
 

@@ -35,10 +35,12 @@ from sins_env.recordings.mapping import Mapping
 from sins_env.recordings.recording import Gnss, Recording, Reference
 from sins_env.recordings.text.head import first_lines
 from sins_env.recordings.times import WEEK_S
-from sins_env.units import ARCSEC, DEG
+from sins_env.units import ARCSEC, DEG, G0
 
 FOOT = 0.3048  #: m
-#: Weights of a count, rad and m/s, of the types of IMU, with their numbers in RAWIMUSX.
+#: Weights of a count, rad and m/s, of the types of IMU, with their numbers in RAWIMUSX: the manual's table of scale factors,
+#: https://docs.novatel.com/OEM7/Content/SPAN_Logs/RAWIMUSX.htm, as NovAtel's driver has it, github.com/novatel/novatel_oem7_driver.
+#: Those of KVH are left out, because it is not clear there whether their gyros count degrees or radians.
 TYPES: dict[str, tuple[tuple[int, ...], float, float]] = {
     "HG1700-AG58": ((1, 11), 2.0**-33, 2.0**-27 * FOOT),
     "HG1700-AG62": ((4, 12), 2.0**-33, 2.0**-26 * FOOT),
@@ -51,6 +53,10 @@ TYPES: dict[str, tuple[tuple[int, ...], float, float]] = {
     "uIMU": ((52,), 1e-9, 2e-8),
     "ADIS16488": ((31,), 720.0 / 2**31 * DEG, 200.0 / 2**31),
     "STIM300": ((32, 56), 2.0**-21 * DEG, 2.0**-22),
+    # counts of rates in 0.008 (0.0151515) deg/s / 2^16 and 0.2 (0.4) mg / 2^16, at the rate of the type
+    "EPSON-G320": ((41,), 0.008 * 2.0**-16 * DEG / 125, 0.2e-3 * G0 * 2.0**-16 / 125),
+    "EPSON-G320-200Hz": ((62,), 0.008 * 2.0**-16 * DEG / 200, 0.2e-3 * G0 * 2.0**-16 / 200),
+    "EPSON-G370": ((61,), 0.0151515 * 2.0**-16 * DEG / 200, 0.4e-3 * G0 * 2.0**-16 / 200),
 }
 _SOLVED = ("INS_SOLUTION_GOOD", "INS_SOLUTION_FREE", "INS_ALIGNMENT_COMPLETE", "INS_HIGH_VARIANCE")
 _FIXED = "SOL_COMPUTED"

@@ -64,6 +64,15 @@ def test_novatel_counts(tmp_path, kind, mapping, name):
     assert_allclose(found.dvel, FORCE * FSAS[1], rtol=1e-12)
 
 
+def test_the_example_of_the_manual_weighs_one_g(tmp_path):
+    """RAWIMUSX of an Epson G320N at 125 Hz: its accelerometers show gravity, and its gyros a tenth of a deg/s."""
+    counts = "ea59fe00,329308016,-2706935,4508389,196192,417138,-1000837"
+    rows = [f"%RAWIMUSXA,2209,{t:.3f};04,41,2209,{t:.6f},{counts}*00000000" for t in 491674 + np.arange(20) / 125]
+    found = load(*log(tmp_path, rows)[:1], mapping=log(tmp_path, rows)[1], accept=["hung_sensor"])
+    assert np.linalg.norm(found.dvel[5]) * 125 == pytest.approx(9.86, abs=0.01)
+    assert np.linalg.norm(np.degrees(found.dtheta[5])) * 125 == pytest.approx(0.134, abs=0.001)
+
+
 def test_a_damaged_line_is_a_missing_sample(tmp_path):
     rows = raw("RAWIMUSX", signed)
     assert zlib.crc32(b"") == 0
