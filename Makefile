@@ -52,7 +52,8 @@ leaderboard: $(STAMP)  ## tables and figures of docs; hours from nothing, what l
 
 coverage: $(STAMP)  ## lines and branches that the tests reach, kernels as Python bodies, processes too: ten minutes or more
 	$(BIN)/python -m pip install --quiet --group coverage
-	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest -n 3 --dist worksteal $(TESTS)
+	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest -n 3 --dist worksteal $(TESTS) --ignore tests/test_kernels.py
+	$(BIN)/coverage run -m pytest tests/test_kernels.py  # which compiles them
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report
 
