@@ -15,7 +15,9 @@ absolute = runpy.run_path(str(ROOT / "setup.py"))["absolute"]
 
 
 def test_versions_agree():
-    """The package and the citation have one version, and ruff is the same everywhere."""
+    """The latest version of the changelog is that of the package and of the citation; ruff is the same everywhere."""
+    released = re.findall(r"^## \[([\d.]+)\] - ([\d-]+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[0]
+    assert released == (sins_env.__version__, str(CITATION["date-released"]))
     assert CITATION["version"] == sins_env.__version__
     (ruff,) = (line for line in PROJECT["project"]["optional-dependencies"]["dev"] if line.startswith("ruff"))
     hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"]
