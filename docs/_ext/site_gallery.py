@@ -16,6 +16,7 @@ PICTURES = {".png", ".svg"}
 
 #: Examples that are shown and not run, with the reason.
 NOT_RUN = {
+    "ppo_tune_noise": "it needs stable-baselines3 and trains for minutes",
     "replay_recording": "the recording is not part of the repository",
 }
 

@@ -56,6 +56,12 @@ PAGES = {
         "Files of measured data, read into one form and written from it: :doc:`/docs/recordings`.",
         ("sins_env.recordings",),
     ),
+    "learning": Page(
+        "Learning",
+        "Seeds of runs to learn from, what a filter needs to be tuned, and wrappers of the environments: :doc:`/docs/learning`. "
+        "Data sets are made by :func:`sins_env.dataset`.",
+        ("sins_env.wrappers", "sins_env.learning.seeds", "sins_env.learning.tuning"),
+    ),
     "solvers": Page(
         "Solvers",
         "Complete estimators by name, the bare filters behind them, and how one of your own joins the zoo.",

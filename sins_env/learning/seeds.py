@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from sins_env import checks
 from sins_env.evaluation.tasks.task import EvaluationTask, seed_name
 
-SPLITS = ("train", "validation", "test")
+__all__ = ["SPLITS", "split_of", "training_seed"]
+
+SPLITS = ("train", "validation", "test")  #: names of the splits of a data set
 DOMAIN = zlib.crc32(b"sins_env.learning")  #: first number of every spawn key here
 HIGHEST = 1 << 127  #: the bit that no seed of a suite has
 MOST_PARTS = 1000  #: most runs of a block, in which the splits have their exact shares

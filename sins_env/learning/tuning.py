@@ -17,6 +17,8 @@ from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.learning.seeds import apart
 from sins_env.types import Estimator, Task
 
+__all__ = ["Tunable", "TuneNoiseSettings"]
+
 Seen = NDArray[np.float32]
 
 WORST = 10.0  #: largest error over its threshold that counts

@@ -66,6 +66,7 @@ def test_ned_says_the_same(rows, kwargs):
     for name in obs.keys() - {"dtheta", "dvel", "gps_vel", "dvl"}:
         assert np.array_equal(obs[name], there[name])
     assert env.observation_space.contains(obs)
+    assert np.array_equal(info["start"]["q_nb"], told["start"]["q_nb"][..., [0, 2, 1, 3]] * [1, 1, 1, -1])
     action = states(info["start"], navigate)
     _, reward, *_, info = env.step(action)
     _, reward_there, *_, told = plain.step(states(told["start"], navigate))
