@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import matplotlib
 import numpy as np
 import suite
+import wording
 from matplotlib.transforms import Bbox
 
 from sins_env.cli.output import remark
@@ -42,8 +43,12 @@ TIMES = {
 RECOMMENDED = "gsf_imm"
 SAMPLES = 80  #: number of points of a curve
 BETTER = 0.95  #: a solver of the front is named if its score is at most so many times that of the next cheaper one
+WIDTH = 7.2  #: width of a figure in inches: letters of 9 points are 7 pixels high on a telephone
+#: Values that an axis of ratios labels, if it spans less than a factor of two, and if more.
+TICKS = ((0.8, 0.9, 1, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.8, 2), (0.5, 1, 1.5, 2, 3, 5, 10, 20, 50, 100))
 #: Places of a label around its point, nearest first: distances in points, and directions in degrees.
-DISTANCES, DIRECTIONS = (6, 13, 22, 33, 46, 60), (35, -35, 145, -145, 90, -90, 0, 180)
+DISTANCES, DIRECTIONS = (6, 13, 22, 33, 46, 60, 75), (35, -35, 145, -145, 90, -90, 0, 180)
+LINE = 0.4  #: what it counts that a label lies on a line, where a point counts 1
 
 
 def draw(board: Mapping[str, Any], played: Mapping[str, Sequence[Results]], folder: Path) -> None:
@@ -62,7 +67,7 @@ def draw(board: Mapping[str, Any], played: Mapping[str, Sequence[Results]], fold
 
 def cost_figure(board: Mapping[str, Any]) -> Figure:
     """Draw the score over the bound against the cost of a step over that of ckf; solvers of the front are named."""
-    figure = new_figure(9.0, 7.2)
+    figure = new_figure(WIDTH, 6.4)
     panels = figure.subplots(2, 2, sharex=True).ravel()
     points = [placed(board, task) for task in COSTS]
     for axes, (title, _), there in zip(panels, COSTS.values(), points, strict=False):
@@ -82,7 +87,7 @@ def cost_figure(board: Mapping[str, Any]) -> Figure:
 
 def placed(board: Mapping[str, Any], task: str) -> dict[str, Point]:
     """Return cost and score over the bound by solver, of those that have both on this task; few runs do not count."""
-    cost = {one["solver"]: one["cost"] for one in board["results"] if one["task"] == suite.costed_for(task)}
+    cost = wording.costs(board, task)
     return {
         one["solver"]: (cost[one["solver"]], one["x_bound"])
         for one in board["results"]
@@ -108,6 +113,9 @@ def _costs(axes: Axes, points: Mapping[str, Point]) -> None:
     for name, point in points.items():
         axes.plot(*point, "o", color=_colour(name, points), markersize=5, markeredgewidth=0, zorder=2)
     axes.margins(x=0.12, y=0.15)
+    low, high = axes.get_ylim()
+    axes.set_yticks([tick for tick in TICKS[int(high > 2 * low)] if low <= tick <= high])
+    axes.set_yticks([], minor=True)
 
 
 def _name(axes: Axes, points: Mapping[str, Point], named: Sequence[str]) -> None:
@@ -117,9 +125,19 @@ def _name(axes: Axes, points: Mapping[str, Point], named: Sequence[str]) -> None
     labels(axes, {name: points[name] for name in told}, points.values(), {name: _colour(name, points) for name in told})
 
 
+def strokes(axes: Axes) -> list[Bbox]:
+    """Return the pieces of the lines that are drawn along the axes, in pixels."""
+    room, out = axes.get_window_extent(), []
+    for line in axes.lines:
+        if line.get_linestyle() != "None":
+            corners = line.get_transform().transform(line.get_path().vertices)
+            out += [Bbox([np.minimum(a, b), np.maximum(a, b)]).padded(1) for a, b in pairwise(corners)]
+    return [one for one in out if one.overlaps(room)]
+
+
 def labels(axes: Axes, named: Mapping[str, Point], points: Sequence[Point], colours: Mapping[str, str]) -> list[Any]:
-    """Write a name beside each point where it covers no other name and no point, with a line to a point that is far."""
-    scale = axes.figure.dpi / 72.0
+    """Write a name beside each point where it covers no name, point or line, with a line to a point that is far."""
+    scale, lines = axes.figure.dpi / 72.0, strokes(axes)
     dots = [Bbox.from_bounds(x - 4, y - 4, 8, 8) for x, y in axes.transData.transform(list(points))]
     room, taken, out = axes.get_window_extent(), [], []
     for name, point in sorted(named.items(), key=lambda item: -item[1][1]):
@@ -136,6 +154,7 @@ def labels(axes: Axes, named: Mapping[str, Point], points: Sequence[Point], colo
                     room.x0 <= there.x0 and there.x1 <= room.x1 and room.y0 <= there.y0 and there.y1 <= room.y1
                 )
                 hits = 10 * sum(there.overlaps(one) for one in taken) + sum(there.overlaps(one) for one in dots)
+                hits += LINE * sum(there.overlaps(one) for one in lines)
                 tried.append((hits + 5 * outside, far, len(tried), dx, dy, there))
         _, far, _, dx, dy, there = min(tried)[:6]
         text.remove()
@@ -144,7 +163,7 @@ def labels(axes: Axes, named: Mapping[str, Point], points: Sequence[Point], colo
         if far > DISTANCES[1]:
             style["arrowprops"] = line
         out.append(axes.annotate(name, point, (dx, dy), textcoords="offset points", **style))
-        taken.append(there.padded(1))
+        taken.append(there.padded(4, 1))
     return out
 
 
@@ -155,7 +174,7 @@ def failure_figure(board: Mapping[str, Any]) -> Figure:
     """Draw the share of failed runs with its 95 % interval, a row for each task: the yardstick, the leader, the recommended."""
     names = [task["task"] for task in board["tasks"] if _most_runs(board, task["task"]) >= suite.LEAST_SHOWN]
     names = names or [task["task"] for task in board["tasks"]]
-    figure = new_figure(9.0, 0.34 * len(names) + 1.2)
+    figure = new_figure(WIDTH, 0.3 * len(names) + 1.2)
     axes = figure.subplots()
     leader = {task["task"]: task["leader"] for task in board["tasks"]}
     kinds = (
@@ -171,7 +190,9 @@ def failure_figure(board: Mapping[str, Any]) -> Figure:
             if one:
                 y, (low, high) = len(names) - 1 - i + up, one["failed_ci"]
                 axes.plot([100 * low, 100 * high], [y, y], color=colour, linewidth=1.2)
-                axes.plot(100 * one["failed"], y, marker, color=colour, markersize=5, label=label)
+                axes.plot(
+                    100 * one["failed"], y, marker, color=colour, markersize=5, label=label, clip_on=False, zorder=3
+                )
                 label = "_"
     finish(axes, "failed runs with 95 % intervals", xlabel="% of runs", xscale="symlog", xlim=(0, 105))
     axes.set_xscale("symlog", linthresh=2.0, linscale=0.6)

@@ -292,20 +292,25 @@ def test_every_situation_is_a_task_of_the_suite(benchmarks):
     assert set(benchmarks.choose.SITUATIONS) <= set(tasks.names())
 
 
-def test_no_label_of_a_figure_covers_another(benchmarks):
-    """Eight names beside points that lie close to each other, in axes of the size of the figure's."""
+def test_no_label_of_a_figure_covers_another_or_a_line(benchmarks):
+    """Eight names beside points that lie close to each other and to lines, in axes of the size of the figure's."""
     story = benchmarks.story
-    figure = story.new_figure(9.0, 7.2)
+    figure = story.new_figure(story.WIDTH, 6.4)
     axes = figure.subplots(2, 2)[0, 0]
     points = {f"solver_{i}": (1.0 + 0.02 * i, 1.0 + 0.01 * (i % 3)) for i in range(8)}
     axes.set(xscale="log", yscale="log", xlim=(0.5, 5), ylim=(0.8, 3))
     for point in points.values():
         axes.plot(*point, "o")
+    axes.axhline(1.04)
+    axes.step([0.9, 1.2, 1.6], [1.5, 1.1, 0.95], where="post")
     figure.canvas.draw()
+    lines = story.strokes(axes)
     texts = story.labels(axes, points, points.values(), dict.fromkeys(points, "black"))
     figure.canvas.draw()
     boxes = [Text.get_window_extent(text) for text in texts]  # without the line to the point
     assert len(boxes) == 8
     assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
+    assert len(lines) == 5  # one, and two steps of two pieces each
+    assert not any(box.overlaps(line) for box in boxes for line in lines)
     room = axes.get_window_extent()
     assert all(room.x0 <= box.x0 and box.x1 <= room.x1 and room.y0 <= box.y0 and box.y1 <= room.y1 for box in boxes)
