@@ -9,18 +9,19 @@ PPO against constant factors on ``SINS/TuneNoise-v0``, on runs that neither has 
 
 The filter is told wrong noise, and each second an action scales Q and R. The best constant is looked for on runs of its own, PPO
 is trained on others, and all are compared on held-out ones: mean reward (minus the error over its threshold, see
-docs/learning.md#tuning), and paired differences with 95 % intervals. What came out is in docs/learning.md#baselines.
+docs/learning.md#tuning), and paired differences with 95 % intervals. docs/learning.md#baselines has the constants and filters.
 """
 
 import argparse
 import itertools
 import time
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
 from scipy.stats import bootstrap
 
-import sins_env  # noqa: F401  registers the environments
+from sins_env.evaluation.tasks.catalogue import get_task
 
 CHOOSING, TRAINING, HELD_OUT = 1_000_000, 2_000_000, 3_000_000  #: first seeds; no run of one is a run of another
 GRID = (-1.0, -2 / 3, -1 / 3, 0.0)  #: actions that are tried for Q and R
@@ -125,11 +126,16 @@ def main():
     parser.add_argument("--runs", type=int, default=32, help="runs of each set (default 32)")
     text = "actions of the constant for Q and R (default: the best of a grid, on runs of its own)"
     parser.add_argument("--constant", type=float, nargs=2, metavar=("A", "B"), help=text)
+    parser.add_argument("--seconds", type=float, help="length of a run (default: that of the task)")
     parser.add_argument("--interval", type=float, default=1.0, help="how long an action holds, s (default 1)")
     given = parser.parse_args()
 
+    task = get_task(given.task)
+    if given.seconds:
+        task = replace(task, kwargs={**task.kwargs, "duration": given.seconds})
+
     def make(solver):
-        kwargs = {"task": given.task, "solver": solver, "interval_s": given.interval}
+        kwargs = {"task": task, "solver": solver, "interval_s": given.interval}
         return gymnasium.make_vec("SINS/TuneNoise-v0", num_envs=given.runs, **kwargs)
 
     env = make(given.solver)

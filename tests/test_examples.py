@@ -19,7 +19,7 @@ LITTLE = {
     "my_recording": "--seconds 40",
     "own_scenarios": "--seconds 20",
     "paper_002_examples": "--runs 20",
-    "ppo_tune_noise": "--minutes 0 --runs 2 --task sway-told-wrong-v0 --interval 60",
+    "ppo_tune_noise": "--minutes 0 --runs 2 --seconds 10 --constant -1 0",
     "start_in_motion": "--runs 2 --solver ckf",
 }
 
