@@ -73,7 +73,9 @@ sphinx_gallery_conf = GALLERY
 # --- the look ---------------------------------------------------------------------------------------------------------
 html_theme = "pydata_sphinx_theme"  # that of NumPy, SciPy and scikit-learn: its readers know their way about it
 html_title = "sins_env"
+html_favicon = "_static/favicon.svg"
 html_static_path = ["_static"]
+html_extra_path = ["_root"]  # leads from the root of the site to docs/index.html
 html_css_files = ["site.css"]
 html_js_files = ["offline.js"]
 html_show_sourcelink = False

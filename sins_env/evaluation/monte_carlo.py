@@ -43,7 +43,7 @@ def evaluate(
         seed: seed of the suite; None takes that of the task. The hash of a secret seed may be published.
         settings: settings of the solver.
         executor: None or "processes" for worker processes, "dask" for a Dask cluster on this machine,
-            "tcp://HOST:PORT" for the one of a scheduler that runs elsewhere, or any ``concurrent.futures.Executor``,
+            ``"tcp://HOST:PORT"`` for the one of a scheduler that runs elsewhere, or any ``concurrent.futures.Executor``,
             which is left open (for Dask: ``Client.get_executor()``).
         workers: number of processes; None takes one per core, 1 stays in this process. Results do not depend on it.
         chunk: runs per batch, by default 64 to 256. Other sizes change results by rounding only (1e-9).
