@@ -80,4 +80,4 @@ $(VENV)/docs: $(STAMP)
 	touch $@
 
 clean:
-	rm -rf $(VENV) .venv-peers build dist *.egg-info .coverage* .pytest_cache .mypy_cache .ruff_cache results.sqlite* board.png
+	rm -rf $(VENV) .venv-peers build dist *.egg-info .coverage* .pytest_cache .mypy_cache .ruff_cache results.sqlite* board.png docs/gallery docs/api/*.rst

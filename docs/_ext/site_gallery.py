@@ -33,6 +33,7 @@ GALLERY = {
     "reset_modules": (),
     "capture_repr": (),
     "within_subsection_order": "FileNameSortKey",
+    "default_thumb_file": str(ROOT / "docs" / "_static" / "prints.png"),  # of an example that draws nothing
     "download_all_examples": False,
     "show_signature": False,
     "write_computation_times": False,
