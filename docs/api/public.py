@@ -51,6 +51,12 @@ PAGES = {
         "Monte Carlo runs of a solver on a task, scores with intervals, comparisons, and the check of an estimator.",
         ("sins_env.evaluation",),
     ),
+    "learning": Page(
+        "Learning",
+        "Wrappers, and an environment in which an agent tunes a filter: :doc:`/docs/learning`. Data sets are made by "
+        ":func:`sins_env.dataset`.",
+        ("sins_env.wrappers", "sins_env.learning.tune_noise"),
+    ),
     "recordings": Page(
         "Recordings",
         "Files of measured data, read into one form and written from it: :doc:`/docs/recordings`.",

@@ -17,6 +17,8 @@ from sins_env.arrays import Array, Mask
 from sins_env.envs.base import check_seeds, seeded
 from sins_env.learning.tuning import MOST_SEEN, Seen, TuneNoiseSettings, Tuning
 
+__all__ = ["TuneNoiseEnv", "TuneNoiseSettings", "TuneNoiseVectorEnv"]
+
 
 def _spaces(core: Tuning) -> tuple[Any, Any]:
     """Return the spaces of observation and action."""
