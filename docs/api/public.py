@@ -53,20 +53,10 @@ PAGES = {
     ),
     "learning": Page(
         "Learning",
-        "Wrappers, and an environment in which an agent tunes a filter: :doc:`/docs/learning`. Data sets are made by "
-        ":func:`sins_env.dataset`.",
-        ("sins_env.wrappers", "sins_env.learning.tune_noise"),
-    ),
-    "recordings": Page(
-        "Recordings",
-        "Files of measured data, read into one form and written from it: :doc:`/docs/recordings`.",
-        ("sins_env.recordings",),
-    ),
-    "learning": Page(
-        "Learning",
-        "Seeds of runs to learn from, what a filter needs to be tuned, and wrappers of the environments: :doc:`/docs/learning`. "
+        "Wrappers of the environments, an environment in which an agent tunes a filter, and seeds of runs to learn from: "
+        ":doc:`/docs/learning`. "
         "Data sets are made by :func:`sins_env.dataset`.",
-        ("sins_env.wrappers", "sins_env.learning.seeds", "sins_env.learning.tuning"),
+        ("sins_env.wrappers", "sins_env.learning.tune_noise", "sins_env.learning.seeds", "sins_env.learning.tuning"),
     ),
     "solvers": Page(
         "Solvers",
