@@ -54,9 +54,13 @@ PAGES = {
     "learning": Page(
         "Learning",
         "Wrappers of the environments, an environment in which an agent tunes a filter, and seeds of runs to learn from: "
-        ":doc:`/docs/learning`. "
-        "Data sets are made by :func:`sins_env.dataset`.",
+        ":doc:`/docs/learning`. Data sets are made by :func:`sins_env.dataset`.",
         ("sins_env.wrappers", "sins_env.learning.tune_noise", "sins_env.learning.seeds", "sins_env.learning.tuning"),
+    ),
+    "recordings": Page(
+        "Recordings",
+        "Files of measured data, read into one form and written from it: :doc:`/docs/recordings`.",
+        ("sins_env.recordings",),
     ),
     "solvers": Page(
         "Solvers",
