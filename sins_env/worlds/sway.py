@@ -64,6 +64,7 @@ class SwayWorld(BaseWorld):
             task.epoch_s,
             task.n_sub,
             STILL if still else settings.sway,
+            heading_deg=None,  # drawn, unless the settings tell it at each reset
             vibration=settings.vibration,
             random=settings.motion == "random",
         )

@@ -28,6 +28,14 @@ def test_told_start_has_the_misalignment_asked_for(phi):
     assert_allclose(found, np.tile(np.radians(phi), (5, 1)), atol=1e-13)
 
 
+@pytest.mark.parametrize("env_id", [SWAY, STATIC])
+def test_a_heading_that_is_not_told_is_drawn_over_the_circle_in_each_run(env_id):
+    rows = 200
+    _, info = vector(rows, env_id, heading_deg=None, reveal_truth=True).reset(seed=0)
+    heading, _, _ = attitude.to_euler(attitude.to_dcm(info["truth"]["q_nb"]))
+    assert stats.kstest(heading % (2 * np.pi), stats.uniform(0.0, 2 * np.pi).cdf).pvalue > 1e-3
+
+
 def test_told_start_is_drawn_from_the_matched_prior():
     rows = 2000
     env = vector(rows, reveal_truth=True)
