@@ -8,8 +8,9 @@ PPO against constant factors on ``SINS/TuneNoise-v0``, on runs that neither has 
     python examples/ppo_tune_noise.py --minutes 0       # the constants and the adaptive filter alone, without PPO
 
 The filter is told wrong noise, and each second an action scales Q and R. The best constant is looked for on runs of its own, PPO
-is trained on others, and all are compared on held-out ones: mean reward (minus the error over its threshold, see
-docs/learning.md#tuning), and paired differences with 95 % intervals. docs/learning.md#baselines has the constants and filters.
+is trained on others, and all are compared on held-out ones. The table has the mean reward, which is minus the error over its
+threshold (docs/learning.md#tuning), and paired differences with 95 % intervals. docs/learning.md#baselines has the constants and
+filters.
 """
 
 import argparse

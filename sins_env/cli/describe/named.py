@@ -33,6 +33,7 @@ from sins_env.reading.documents import YAML_ENDINGS
 from sins_env.sensors import aids
 from sins_env.sensors.gps import AGE, FIELDS, STD
 from sins_env.specs import GPS_PRESETS, IMU_PRESETS, imu_spec
+from sins_env.worlds.bridges import BRIDGED
 from sins_env.worlds.profiles import PROFILES
 
 #: Fields of an observation, with the shapes of one run, and their meaning.
@@ -40,7 +41,7 @@ OBSERVATION = {
     "t": ("(1,)", "s, end of the epoch"),
     "dtheta": ("(n_sub, 3)", "rad, gyro increments along the body's Right, Forward, Up"),
     "dvel": ("(n_sub, 3)", "m/s, accelerometer increments (specific force) along the same axes"),
-    **{name: (f"{field.low.shape}", field.what) for name, field in {**FIELDS, **AGE, **STD}.items()},
+    **{name: (f"{field.low.shape}", field.what) for name, field in {**FIELDS, **AGE, **STD, **BRIDGED}.items()},
 }
 ALIGNMENT = ("(4,)", "q_nb, scalar first, body to East, North, Up")
 NAVIGATION = ("(10,)", "q_nb, v_n m/s East, North, Up, latitude rad, longitude rad, height m")
