@@ -55,7 +55,7 @@ BLOCKS = [pytest.param(block, id=f"{Path(block.page).stem}-{block.number}") for 
 READERS = ("board", "compare", "report", "export", "verify", "merge", "submit")
 #: Settings with which the tasks of the commands are short; what is to hold, holds for HOLD_S seconds.
 SHORTER: dict[str, dict[str, Any]] = {
-    "sway-white-v0": {"duration": 30.0},
+    "sway-white-v0": {"duration": 20.0},
     "sway-scratch-v0": {"duration": 60.0, "coarse": 30.0},
     "flight-hotstart60-v0": {"duration": 60.0},
     "rlg-car-v0": {"window": [0.0, 60.0], "coarse": 30.0},
@@ -126,11 +126,11 @@ def test_the_board_of_the_makefile(made, monkeypatch, capsys):
 
 def a_file_of_mine():
     """Write what the reader of README may have: a table of an IMU at rest, and one with fixes."""
-    rng, t, latitude = np.random.default_rng(1), np.arange(1, 2001) / 100, np.radians(48.1)
-    turn = 7.292115e-5 * np.array([np.cos(latitude), 0, -np.sin(latitude)]) + 1e-5 * rng.normal(size=(2000, 3))
-    push = np.array([0, 0, -9.809]) + 1e-3 * rng.normal(size=(2000, 3))
-    place = np.array([48.1, 11.6, 520]) + rng.normal(size=(20, 3)) * [1e-5, 1e-5, 1]
-    fixes = np.column_stack([t[99::100], place, 0.05 * rng.normal(size=(20, 3))])
+    rng, t, latitude = np.random.default_rng(1), np.arange(1, 1001) / 100, np.radians(48.1)
+    turn = 7.292115e-5 * np.array([np.cos(latitude), 0, -np.sin(latitude)]) + 1e-5 * rng.normal(size=(1000, 3))
+    push = np.array([0, 0, -9.809]) + 1e-3 * rng.normal(size=(1000, 3))
+    place = np.array([48.1, 11.6, 520]) + rng.normal(size=(10, 3)) * [1e-5, 1e-5, 1]
+    fixes = np.column_stack([t[99::100], place, 0.05 * rng.normal(size=(10, 3))])
     for name, head, rows in (
         ("imu.csv", "t,wx,wy,wz,ax,ay,az", np.column_stack([t, turn, push])),
         ("fixes.csv", "t,lat,lon,h,vn,ve,vd", fixes),
