@@ -10,6 +10,8 @@ from places import ROOT
 
 import solvers
 from sins_env.evaluation import get_task
+from solvers.filters.kalman.inekf import InEKF
+from solvers.types import Gaussian, Linear, Measurement, Transition
 
 PACKAGE = ROOT / "examples" / "learned_estimator"
 RUNS, SEED = 4, 24
@@ -111,3 +113,23 @@ def test_what_it_refuses(learned, tmp_path):
     np.savez(tmp_path / "other.npz", gates=np.zeros((2, 2)))
     with pytest.raises(ValueError, match=r"other.npz holds \{'gates': \(2, 2\)\}; allowed: \{'gates': \(48, 30\)"):
         learned.LearnedNoise(weights=str(tmp_path / "other.npz"))
+
+
+def test_its_factors_scale_the_told_noises(learned, tmp_path):
+    """Constant answers, R twice as large and Q thrice and five times: as if the invariant filter were told these noises."""
+    network, rng = learned.network, np.random.default_rng(5)
+    weights = {name: np.zeros(shape) for name, shape in network.SHAPES.items()}
+    weights["answer"][:, -1] = np.arctanh(np.log([2.0, 3.0, 5.0]) / network.LIMITS)
+    np.savez(tmp_path / "constant.npz", **weights)
+    one = learned.LearnedNoise(weights=str(tmp_path / "constant.npz")).filter
+    f, h = Linear(rng.normal(size=(12, 12))), Linear(rng.normal(size=(3, 12)))
+    Q, R, z = np.eye(12), np.diag([1.0, 2.0, 3.0]), rng.normal(size=3)
+    told, scaled = Transition(f, Q), Transition(f, np.diag(np.repeat([3.0, 5.0, 1.0, 1.0], 3)))
+    prior = Gaussian(np.zeros(12), np.eye(12))
+    b, _ = one.step(one.init(prior, None), told, Measurement(z, h, R))
+    b, _ = one.step(b, told, Measurement(z, h, R))
+    other = InEKF()
+    c, _ = other.step(other.init(prior), told, Measurement(z, h, 2.0 * R))
+    c, _ = other.step(c, scaled, Measurement(z, h, 2.0 * R))
+    np.testing.assert_allclose(b.mean, c.mean, rtol=1e-9)
+    np.testing.assert_allclose(b.cov, c.cov, rtol=1e-9)
