@@ -63,11 +63,7 @@ nitpick_ignore_regex = [
     (r"py:.*", r"solvers\.types\.B"),
     (r"py:mod", r".*"),
 ]
-suppress_warnings = [
-    "ref.python",
-    "toc.not_readable",
-    "toc.not_included",
-]  # a shape (R, n) is taken for a name R, of which there are several
+suppress_warnings = ["ref.python"]  # a shape (R, n) is taken for a name R, of which there are several
 
 sphinx_gallery_conf = GALLERY
 
