@@ -20,7 +20,7 @@ from solvers.blocks.conditioning import gate_limit
 from solvers.blocks.moments import Linearized, moments, tangent, transform
 from solvers.pipeline.aiding.aid import Aid, Ins, Sensor
 from solvers.pipeline.aiding.zero_velocity import ZeroRate
-from solvers.pipeline.errors.model import ErrorModel, Parameter
+from solvers.pipeline.errors.model import ErrorModel, Parameter, each_by
 from solvers.types import MISSING, Function, Gaussian, Innovation, Measurement, Transition
 
 E = TypeVar("E", bound=ErrorModel)
@@ -167,5 +167,7 @@ def fits(innovation: Innovation, rows: Mapping[str, slice]) -> dict[str, Array]:
 def decayed(parameters: Sequence[Parameter], own: Mapping[str, Array], epoch_s: float) -> dict[str, Array]:
     """Return parameters that were fed back as they are expected an epoch later: what wanders tends to zero, a clock runs on."""
     return {
-        p.name: own[p.name] if p.constant else own[p.name] @ p.carry(epoch_s).T for p in parameters if p.name in own
+        p.name: own[p.name] if p.constant else each_by(p.carry(epoch_s), own[p.name])
+        for p in parameters
+        if p.name in own
     }

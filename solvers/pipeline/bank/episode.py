@@ -28,7 +28,7 @@ from solvers.pipeline.bank.models import Models, propagate
 from solvers.pipeline.bank.settings import BankSettings
 from solvers.pipeline.bank.slices import Frame, Reading, Slices, join, normalised, replaced, sum_by_run, taken
 from solvers.pipeline.errors.invariant import Invariant, Seen
-from solvers.pipeline.errors.model import Parameter, told
+from solvers.pipeline.errors.model import Parameter, each_by, told
 from solvers.pipeline.errors.navigation import NavigationErrors
 from solvers.pipeline.rewind import Samples
 from solvers.pipeline.strapdown import EpochMotion, Strapdown, StrapdownState, bridge_noise, carried_sample
@@ -228,8 +228,8 @@ class Episode:
         x = propagate(mixed.x, F, gyro, self._Q_accel, self._models.noise, self._frame.moving)
         if self._carry is not None:  # what wanders, in the INS and in the models
             own, fed = slice(self._errors.core.size, None), slice(self._frame.moving, self._frame.own.stop)
-            s = s._replace(bias=s.bias @ self._carry[fed, fed].T)
-            x = Gaussian(x.mean @ self._carry.T, self._carry @ x.cov @ self._carry.T)
+            s = s._replace(bias=each_by(self._carry[fed, fed], s.bias))
+            x = Gaussian(each_by(self._carry, x.mean), self._carry @ x.cov @ self._carry.T)
             x.cov[..., own, own] += self._added
         if self._wander is not None:
             x = x._replace(cov=x.cov + self._wander)
@@ -279,25 +279,24 @@ class Episode:
         z, H = Seen(self._coordinates.at(s.ins.nav), me.h).at_zero
         if "dv" in self._aid.shown:
             H[..., self._aid.shown["dv"], self._offset] -= np.eye(3)  # INS minus fix shows the offset with a minus sign
-        R = me.R if me.R.ndim == 2 else me.R[seen[0]]
-        nu = me.z - z
-        self._read.append(({"gps": slice(len(R))}, Reading(s, nu, H, R, seen)))
+        nu, R = me.z - z, me.R
+        self._read.append(({"gps": slice(R.shape[-1])}, Reading(s, nu, H, R, seen)))
         there = ~np.isnan(nu[seen])
         if there.all():
             return self._corrected(s, nu, H, R, seen)
         for rows, here in patterns(there):
-            s = self._corrected(s, nu[:, rows], H[:, rows], R[np.ix_(rows, rows)], seen[here])
+            s = self._corrected(s, nu[:, rows], H[:, rows], R[..., rows, :][..., rows], seen[here])
         return s
 
     def _aided(self, s: Slices, me: Measurement) -> Slices:
         """Return the slices after readings of aids, whose noise is as told, with their means fed back into the INS."""
         z, H = Seen(self._coordinates.at(s.ins.nav), me.h).at_zero
-        nu, R = np.where(there(me), me.z - z, np.nan), me.R if me.R.ndim == 2 else me.R[0]
+        nu, R = np.where(there(me), me.z - z, np.nan), me.R
         self._read.append((self._aids.rows, Reading(s, nu, H, R, np.arange(len(nu)))))
         for rows, here in patterns(~np.isnan(nu)):
             if rows.any():
                 seen = np.flatnonzero(here)
-                s = self._corrected(s, nu[:, rows], H[:, rows], R[np.ix_(rows, rows)], seen, as_told=True)
+                s = self._corrected(s, nu[:, rows], H[:, rows], R[..., rows, :][..., rows], seen, as_told=True)
         return s
 
     def _ins(self, s: Slices, of_epoch: tuple[NavState, Array, Array | None]) -> Ins:
@@ -318,10 +317,12 @@ class Episode:
     def _corrected(
         self, s: Slices, nu: Array, H: Array, R: Array, seen: NDArray[np.int64], as_told: bool = False
     ) -> Slices:
-        """Correct the slices at ``seen``, given INS minus fix nu (N, m) and H (N, m, n) at zero error, and R (m, m).
+        """Correct the slices at ``seen``, given INS minus fix nu (N, m) and H (N, m, n) at zero error, and R (m, m) or (N, m, m).
 
         The noise is that of the regimes, or ``as_told``.
         """
+        if R.ndim > 2:  # another in each slice, alike for its models
+            R = R[seen][:, None]
         part, nu, H = (s, nu, H) if len(seen) == len(s.run) else (s.take(seen), nu[seen], H[seen])
         nu = nu[:, None] - part.mean @ H.mT
         if as_told:

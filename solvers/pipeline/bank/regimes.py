@@ -77,7 +77,7 @@ def update(x: Gaussian, nu: Array, H: Array, R: Array, p: Array, factors: Array,
         x: mean (..., n) and covariance (..., n, n) before it.
         nu: innovation z - H x, (..., m).
         H: what the fix shows, (..., m, n) or what broadcasts to it.
-        R: its told covariance, (m, m).
+        R: its told covariance, (..., m, m) or what broadcasts to it.
         p: probabilities (..., C) of the regimes at this fix.
         factors: factors (C,) of R in the regimes.
         told: factors of R under the told law.

@@ -64,7 +64,7 @@ class Reading(NamedTuple):
     s: Slices
     nu: Array  #: (N, m), INS minus reading
     H: Array  #: (N, m, n), at zero error
-    R: Array  #: (m, m)
+    R: Array  #: (m, m), or (N, m, m)
     seen: NDArray[np.int64]  #: the slices that have it
 
 

@@ -183,8 +183,13 @@ def told(states: Layout, fed: Mapping[str, Array], errors: Array, P: Array) -> d
     return found
 
 
+def each_by(A: Array, x: Array) -> Array:
+    """Return A x for each x (..., n). The bits of a row do not depend on how many there are, as those of ``x @ A.T`` do."""
+    return np.asarray(np.matmul(A, x[..., None])[..., 0])
+
+
 def carried(x: Array, carry: Array | None) -> Array:
     """Return x (..., n), in place, after the matrix ``carry`` (k, k) has taken the last k states through an epoch."""
     if carry is not None:
-        x[..., -len(carry) :] = x[..., -len(carry) :] @ carry.T
+        x[..., -len(carry) :] = each_by(carry, x[..., -len(carry) :])
     return x

@@ -14,6 +14,7 @@ import solvers
 from sins_env import attitude, earth
 from sins_env.checks import classes
 from sins_env.evaluation.bound.aids import Instant, term
+from sins_env.evaluation.tasks.catalogue import get_task
 from sins_env.sensors.aids import Sensor, specs
 from sins_env.states import ERRORS
 from sins_env.trajectory import constellation
@@ -230,6 +231,25 @@ def test_rows_of_several_aids():
     )
     np.testing.assert_array_equal(fit["b_nis"], [1.0])
     assert np.isnan(fit["a_nis"]).all()
+
+
+@pytest.mark.parametrize("name", ["ekf", "gsf_imm"])
+def test_a_run_does_not_know_of_the_others(name):
+    """A clock runs on, and the noise of ranges follows the elevations of each run: a run beside others has its own bits."""
+    task = get_task("tight-v0")
+
+    def answers(runs):
+        env = task.make(len(runs))
+        obs, _ = task.reset(env, runs)
+        solver, found = solvers.make(name), []
+        solver.reset(env.unwrapped.task, generators((len(runs),)))
+        for _ in range(25):
+            found.append(solver.step(obs))
+            obs, *_ = env.step(found[-1])
+        env.close()
+        return np.stack(found, axis=1)
+
+    np.testing.assert_array_equal(answers(range(88, 96))[3], answers((91,))[0])
 
 
 def nees(error, P):
