@@ -17,7 +17,6 @@ sys.path[:0] = [str(DOCS / "_ext"), str(DOCS / "api")]
 
 import public  # noqa: E402
 from site_gallery import GALLERY  # noqa: E402
-from sphinx.application import Sphinx  # noqa: E402
 
 import sins_env  # noqa: E402
 
@@ -94,15 +93,3 @@ mathjax = find_spec("sphinx-mathjax-offline")
 assert mathjax is not None, "no MathJax: pip install -e '.[docs]'"
 html_static_path += [str(Path(str(mathjax.origin)).parent / "static" / "mathjax" / "tex-svg.js")]
 mathjax_path = "tex-svg.js"
-
-
-def menu(app: Sphinx, page: str, source: list[str]) -> None:
-    """Give the tutorials a menu, in the order in which their first page names them."""
-    if page == "docs/tutorials/index":
-        named = dict.fromkeys(re.findall(r"\]\((\w+)\.md", source[0]))
-        source[0] += "\n```{toctree}\n:hidden:\n\n" + "\n".join(named) + "\n```\n"
-
-
-def setup(app: Sphinx) -> None:
-    """Connect with Sphinx."""
-    app.connect("source-read", menu)
