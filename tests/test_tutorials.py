@@ -25,6 +25,11 @@ NAMES = TUTORIALS["names"]()
 LITTLE = {
     "aiding": {"RUNS, BEGIN, END = 10, 100, 160": "RUNS, BEGIN, END = 2, 3, 4"},
     "first_alignment": {"duration=120.0": "duration=31.0", "k % 300": "k % 150", "--runs 40": "--runs 1"},
+    "own_filter": {
+        "--runs 10": "--runs 1",
+        "--runs 20": "--runs 1",
+        "RUNS, STEPS, one = 1000, 2000": "RUNS, STEPS, one = 9, 9",
+    },
 }
 #: Settings with which the tasks of the suite are played, and how long an error must hold.
 TASKS = {"sway-white-v0": {"duration": 20.0}, "sway-told-wrong-v0": {"duration": 20.0}}
