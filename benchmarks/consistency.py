@@ -101,7 +101,10 @@ FAULTS: dict[str, Fault] = {
     ),
     "fixes 1 s late": (lambda one: later(one, 1.0), same),
     "fixes 0.2 s late": (lambda one: later(one, 0.2), same),
-    "inekf, 10 s of coarse alignment in motion": (moving, lambda told: {**told, "solver": "inekf", "coarse": 10.0}),
+    "inekf, 10 s of coarse alignment in motion, which is right": (
+        moving,
+        lambda told: {**told, "solver": "inekf", "coarse": 10.0},
+    ),
     "gsf_imm, start in motion, which is right": (moving, same),
 }
 
