@@ -20,6 +20,7 @@ from sins_env.learning.seeds import SPLITS, check_seed, check_splits, split_of
 from sins_env.reading.files import size
 from sins_env.writing import notebook
 
+MOST_RUNS = 1_000_000  #: most runs of a data set, and the first number that no run has
 MINARI = "minari:"  #: what stands before the id of a Minari dataset
 
 
@@ -70,7 +71,7 @@ def dataset(
     """
     found = get_task(task)
     drawing = Drawing(found, check_seed(seed), samples)
-    wanted, parts = run_numbers(runs), check_splits(splits)
+    wanted, parts = _numbers(runs), check_splits(splits)
     rows = None if chunk is None else checks.whole("chunk", chunk, least=1)
     labels = split_of(found, wanted, drawing.seed, parts)
     told = progress or notebook.line(f"data set of {found.name}")
@@ -91,3 +92,18 @@ def dataset(
             "out", where, f"a file that ends in {npz_form.ENDING}, or {MINARI}ID such as {MINARI}sins/sway-v0"
         )
     return Written(where, count, drawing.public.num_epochs, {name: int((labels == name).sum()) for name in SPLITS})
+
+
+def _numbers(runs: int | Iterable[int]) -> list[int]:
+    """Return the numbers of the runs.
+
+    Raises:
+        ValueError: anything but whole numbers, or too large ones.
+    """
+    allowed = f"1 to {MOST_RUNS} runs, or numbers of runs below {MOST_RUNS}; another seed gives others"
+    if not isinstance(runs, Iterable):
+        return run_numbers(checks.whole("runs", runs, allowed, least=1, most=MOST_RUNS))
+    numbers = run_numbers(runs)
+    if numbers[-1] >= MOST_RUNS:
+        raise checks.refused("runs", numbers[-1], allowed)
+    return numbers

@@ -14,7 +14,7 @@ from sins_env.envs.base import EpisodeEnv, EpisodeVectorEnv
 from sins_env.evaluation.estimators import finding
 from sins_env.states import ERRORS, answered
 from sins_env.types import NavState, Task
-from sins_env.wrappers.translated import E, Info, Translation, translated
+from sins_env.wrappers.translated import E, Info, Translation, own_env, translated
 
 
 class Corrections(Translation):
@@ -49,8 +49,14 @@ class Corrections(Translation):
         return obs
 
     def answer(self, action: Array) -> Array:
-        """Return the corrected estimate."""
+        """Return the corrected estimate.
+
+        Raises:
+            ValueError: a correction that is not finite, which no later one could mend.
+        """
         given = np.asarray(action, dtype=float) * self.scale
+        if not np.isfinite(given).all():
+            raise checks.refused("correction", action, "finite numbers")
         q = attitude.multiply(attitude.from_rotvec(given[..., :3]), self._answer[..., :4])
         parts = [attitude.normalize(q)]
         if self._task.navigate:
@@ -84,9 +90,12 @@ def corrections(
         scale: what an action of 1 is, rad, m/s and m, (3,) or (9,); None takes the standard deviations of the told prior.
 
     Raises:
-        ValueError: another environment, wrappers in another order, no such solver, or a scale that does not fit.
+        ValueError: another environment, wrappers in another order, no such solver,
+            settings without a solver, or a scale that does not fit.
     """
-    task: Task = env.unwrapped.task  # type: ignore[attr-defined]
+    task: Task = own_env(env).task
+    if not isinstance(settings, Mapping | None) or (settings and solver is None):
+        raise checks.refused("settings", settings, "a dict of settings of the solver; without a solver none")
     layout = answered(task.navigate)
     told = np.sqrt(np.diagonal(task.prior.P0))[ERRORS.places(layout)]
     if scale is not None:

@@ -95,6 +95,8 @@ def scaled(env: E, scales: Mapping[str, float] | None = None) -> E:
     Raises:
         ValueError: another environment, wrappers in another order, or a scale that is not positive or has no field.
     """
+    if not isinstance(scales, Mapping | None):
+        raise checks.refused("scales", scales, "a dict of scales by name of the field")
     found = measured(env)
     for name, given in (scales or {}).items():
         checks.choice("scale", name, found)

@@ -60,12 +60,17 @@ class Translated(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Obs, Info]:
         """Begin an episode."""
         obs, info = self.env.reset(seed=seed, options=options)
-        self.translation.begin(_inside(self.env), obs, info)
+        self.translation.begin(own_env(self.env), obs, info)
         return self.translation.observed(obs), self.translation.told(info)
 
     def step(self, action: Any) -> tuple[Obs, Any, bool, bool, Info]:
-        """Answer an epoch."""
-        obs, reward, terminated, truncated, info = self.env.step(self.translation.answer(np.asarray(action)))
+        """Answer an epoch.
+
+        Raises:
+            ValueError: an action of another shape, or one that the translation refuses.
+        """
+        inner = self.translation.answer(_of_shape(action, self.action_space))
+        obs, reward, terminated, truncated, info = self.env.step(inner)
         return self.translation.observed(obs), reward, terminated, truncated, self.translation.told(info)
 
 
@@ -85,10 +90,15 @@ class TranslatedVector(VectorWrapper[Any, Any, Any, Any, Any]):
         return self._begin(*self.env.reset(seed=seed, options=options))
 
     def step(self, actions: Any) -> tuple[Obs, Any, Any, Any, Info]:
-        """Answer an epoch in every row."""
-        inner = (
-            np.zeros(self.env.action_space.shape or ()) if self._over else self.translation.answer(np.asarray(actions))
-        )
+        """Answer an epoch in every row.
+
+        Raises:
+            ValueError: actions of another shape, or ones that the translation refuses.
+        """
+        if self._over:
+            inner = np.zeros(self.env.action_space.shape or ())
+        else:
+            inner = self.translation.answer(_of_shape(actions, self.action_space))
         obs, reward, terminated, truncated, info = self.env.step(inner)
         if self._over:
             obs, info = self._begin(obs, info)
@@ -98,11 +108,19 @@ class TranslatedVector(VectorWrapper[Any, Any, Any, Any, Any]):
         return obs, reward, terminated, truncated, info
 
     def _begin(self, obs: Obs, info: Info) -> tuple[Obs, Info]:
-        self.translation.begin(_inside(self.env), obs, info)
+        self.translation.begin(own_env(self.env), obs, info)
         return self.translation.observed(obs), self.translation.told(info)
 
 
-def _inside(env: Any) -> Any:
+def _of_shape(action: Any, space: spaces.Space[Any]) -> Array:
+    """Return an action as an array, which must have the shape of its space: nothing is stretched to it."""
+    array = np.asarray(action)
+    if array.shape != space.shape:
+        raise ValueError(f"action of shape {array.shape}; allowed: {space.shape}")
+    return array
+
+
+def own_env(env: Any) -> Any:
     """Return the environment of this package inside wrappers.
 
     Raises:
@@ -133,7 +151,7 @@ def translated(env: E, translation: Translation) -> E:
     Raises:
         ValueError: another environment, or wrappers in another order.
     """
-    _inside(env)
+    own_env(env)
     for one in _translations(env):
         if one.rank >= translation.rank:
             names = type(translation).__name__, type(one).__name__
@@ -147,4 +165,4 @@ def translated(env: E, translation: Translation) -> E:
 
 def world_of(env: Any) -> Any:
     """Return a copy of the world of an environment, which can be played without disturbing it."""
-    return copy.deepcopy(_inside(env).episode.world)
+    return copy.deepcopy(own_env(env).episode.world)

@@ -24,6 +24,9 @@ def replacing(paths: Sequence[Path]) -> Iterator[list[Path]]:
         OSError: files that cannot be written; the error is one line with the reason.
     """
     finals = [path.resolve() if path.is_symlink() else path for path in paths]
+    for path in finals:
+        if path.is_dir():  # said before the work, not after it
+            raise IsADirectoryError(f"{path} cannot be written: it is a directory")
     plain = [not path.exists() or path.is_file() for path in finals]
     temporary = [
         path.with_name(f".{path.name}.{os.getpid()}.part") if whole else path

@@ -98,6 +98,8 @@ def test_splits_are_exact_and_stay():
         ({"samples": 7}, "samples = 7; allowed: a divisor of the 30 samples of an epoch: 1, 2, 3, 5, 6, 10, 15, 30"),
         ({"out": "x.csv"}, "out = 'x.csv'; allowed: a file that ends in .npz, or minari:ID"),
         ({"splits": (0, 0, 0)}, "splits = (0, 0, 0); allowed: three whole numbers"),
+        ({"runs": 10**13}, "runs = 10000000000000; allowed: 1 to 1000000 runs"),
+        ({"runs": [10**20]}, "numbers of runs below 1000000"),
         ({"seed": -1}, "seed = -1; allowed: a whole number from 0 to 1e15"),
         ({"out": "nowhere/x.npz"}, "the directory does not exist"),
     ],

@@ -170,3 +170,24 @@ def test_what_is_refused():
         wrappers.scaled(env, {"gps_ve": 1.0})
     with pytest.raises(ValueError, match="3 positive numbers, rad, m/s and m"):
         wrappers.corrections(env, scale=(1.0, 2.0))
+    with pytest.raises(ValueError, match="without a solver none"):
+        wrappers.corrections(env, settings={"model": "nine"})
+    with pytest.raises(ValueError, match="a dict of scales"):
+        wrappers.scaled(env, [1.0])
+
+
+@pytest.mark.parametrize("rows", [None, 2])
+def test_actions_that_are_refused_change_nothing(rows):
+    """No action is stretched to a shape, and no NaN stays in an estimate that goes on."""
+    env, untouched = (wrappers.north_east_down(wrappers.corrections(made(rows, **SWAY))) for _ in range(2))
+    shape = env.action_space.shape
+    for one in (env, untouched):
+        one.reset(seed=3)
+    for action, text in [
+        (np.zeros(1), "action of shape"),
+        (np.zeros((*shape, 1)), "action of shape"),
+        (np.full(shape, np.nan), "finite"),
+    ]:
+        with pytest.raises(ValueError, match=text):
+            env.step(action)
+    assert np.all(env.step(np.zeros(shape))[1] == untouched.step(np.zeros(shape))[1])

@@ -29,6 +29,8 @@ def test_nothing_is_left_of_a_file_that_fails(tmp_path):
 def test_a_file_that_cannot_take_its_place_is_one_line(tmp_path):
     with pytest.raises(OSError, match=r"r\.html cannot be written: No such file"), replacing([tmp_path / "r.html"]):
         pass  # nothing was written
+    with pytest.raises(OSError, match="it is a directory"), replacing([tmp_path]):
+        pytest.fail("the work began")
 
 
 def test_a_link_stays_a_link(tmp_path):
