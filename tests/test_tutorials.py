@@ -37,6 +37,7 @@ LITTLE = {
         "60 75": "16 18",
         "time > 60": "time > 16",
     },
+    "own_scenario": {"duration_s: 300": "duration_s: 30", "coarse_s: 60": "coarse_s: 10", "--runs 20": "--runs 1"},
 }
 #: Settings with which the tasks of the suite are played, and how long an error must hold.
 TASKS = {"sway-white-v0": {"duration": 20.0}, "sway-told-wrong-v0": {"duration": 20.0}}
