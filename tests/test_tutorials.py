@@ -38,6 +38,13 @@ LITTLE = {
         "time > 60": "time > 16",
     },
     "own_scenario": {"duration_s: 300": "duration_s: 30", "coarse_s: 60": "coarse_s: 10", "--runs 20": "--runs 1"},
+    "learning": {
+        '"quay.yaml", 300': '"quay.yaml", 20',
+        "duration_s: 60": "duration_s: 12",
+        "hold_s: 10": "hold_s: 5",
+        "--runs 20": "--runs 1",
+        "RUNS = 16": "RUNS = 2",
+    },
 }
 #: Settings with which the tasks of the suite are played, and how long an error must hold.
 TASKS = {"sway-white-v0": {"duration": 20.0}, "sway-told-wrong-v0": {"duration": 20.0}}
