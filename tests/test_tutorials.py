@@ -37,12 +37,16 @@ LITTLE = {
         "60 75": "16 18",
         "time > 60": "time > 16",
     },
-    "own_scenario": {"duration_s: 300": "duration_s: 30", "coarse_s: 60": "coarse_s: 10", "--runs 20": "--runs 1"},
+    "own_scenario": {
+        "duration_s: 300": "duration_s: 30",
+        "coarse_s: 60": "coarse_s: 10",
+        "gsf_imm coarse_oba --runs 20": "--runs 1",
+    },
     "learning": {
         '"quay.yaml", 300': '"quay.yaml", 20',
         "duration_s: 60": "duration_s: 12",
         "hold_s: 10": "hold_s: 5",
-        "--runs 20": "--runs 1",
+        "gsf_imm --runs 20": "--runs 1",
         "RUNS = 16": "RUNS = 2",
     },
 }
