@@ -50,10 +50,9 @@ leaderboard: $(STAMP)  ## tables and figures of docs; hours from nothing, what l
 	$(BIN)/python benchmarks/pages.py
 	$(BIN)/python benchmarks/peers.py --doc
 
-coverage: $(STAMP)  ## lines and branches that the tests reach, kernels as Python bodies, processes too: ten minutes or more
+coverage: $(STAMP)  ## lines and branches that the tests reach, processes too; kernels where tests run their bodies: twenty minutes
 	$(BIN)/python -m pip install --quiet --group coverage
-	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest -n 3 --dist worksteal $(TESTS) --ignore tests/test_kernels.py
-	$(BIN)/coverage run -m pytest tests/test_kernels.py  # which compiles them
+	$(BIN)/coverage run -m pytest -n 3 --dist worksteal $(TESTS)
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report
 
