@@ -172,6 +172,20 @@ def test_fixes_in_a_file_of_their_own(tmp_path):
     assert guess(path).mapping["drop_held_fixes"] is True
 
 
+def test_forward_axis_from_fixes_in_a_file_of_their_own(tmp_path):
+    """Axes back, left, up: gravity shows up, and the fixes of a car that speeds up and brakes show forward."""
+    rates, force = at_rest()
+    push = np.sin(0.4 * T)
+    right, forward, up = (force + np.outer(push, [0, 1, 0])).T
+    path = write(tmp_path, T, rates, np.column_stack([-forward, right, up]))
+    at = T[:: int(HZ)]
+    speed = 3.0 - np.cos(0.4 * at) / 0.4
+    fixes = np.column_stack([1e3 * at, 48.1 + 0 * at, 11.6 + 0 * at, 520 + 0 * at, speed, 0 * at, 0 * at])
+    np.savetxt(tmp_path / "fixes.csv", fixes, delimiter=",", header="t [ms],lat,lon,h,vn,ve,vd", comments="")
+    found = guess(path, Known(gnss="fixes.csv"))
+    assert (found.mapping["axes"], found.open) == ("BRU", [])
+
+
 def test_what_is_no_table_of_an_imu(tmp_path):
     path = write(tmp_path, T, *at_rest(), "t,a,b,c,d,e,f")
     with pytest.raises(

@@ -48,10 +48,8 @@ def fixes_of(found: Guess, table: Columns, time: Any, known: Known) -> tuple[Arr
     if None not in columns:
         scale = {"scale": 1e-3} if "scale" in spec["position"] else {}
         spec["velocity"] = {"columns": columns, "frame": frame, **scale}
-        if source is table:
-            vel = source.three(columns)[there]
-            t = seconds(found, table)[there]
-            speeds = (t, np.linalg.norm(vel[:, :2], axis=1) * (1e-3 if scale else 1.0))
+        vel = source.three(columns)[there]
+        speeds = (seconds(spec["time"], source)[there], np.linalg.norm(vel[:, :2], axis=1) * (1e-3 if scale else 1.0))
     std = [names.single(source.named, role) for role in ("std_east", "std_north", "std_up")]
     if None not in std:
         spec["position_std"] = {"columns": std, "frame": "ENU"}
@@ -63,8 +61,8 @@ def fixes_of(found: Guess, table: Columns, time: Any, known: Known) -> tuple[Arr
     return speeds
 
 
-def seconds(found: Guess, table: Columns) -> Array:
-    spec = found.mapping["time"]
+def seconds(spec: dict[str, Any], table: Columns) -> Array:
+    """Return the times of the rows, s, by the key ``time`` of a mapping."""
     unit = spec.get("unit", "s")
     values = table[spec["column"]]
     values = unwrapped(values, spec["wraps"]) if "wraps" in spec else values

@@ -95,6 +95,8 @@ def up_axis(force: Array, rate_hz: float) -> tuple[str, float]:
 
 def forward_axis(t: Array, force: Array, fix_t: Array, speed: Array, up: str) -> tuple[str, float] | None:
     """Return the axis whose specific force follows the change of speed, and their correlation; None if it changes too little."""
+    within = (t[0] <= fix_t) & (fix_t <= t[-1])
+    fix_t, speed = fix_t[within], speed[within]
     if len(fix_t) < 10:
         return None
     change = np.diff(speed) / np.diff(fix_t)
