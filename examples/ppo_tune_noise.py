@@ -85,6 +85,7 @@ def lockstep(env):
         def get_attr(self, attr_name, indices=None):
             return [getattr(env, attr_name, None)] * env.num_envs
 
+        # The base class asks for the next two; PPO calls neither.
         def set_attr(self, attr_name, value, indices=None):
             raise NotImplementedError
 

@@ -1,7 +1,6 @@
 """What README and the pages of docs promise runs as it stands: their code, their commands, and the first one, ``make board``."""
 
 import contextlib
-import dataclasses
 import io
 import os
 import re
@@ -14,12 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from evaluation.short import cut_short
 from places import ROOT
 
 from sins_env.cli.grammar import parser
 from sins_env.cli.main import main
-from sins_env.evaluation.speed import cost
-from sins_env.evaluation.tasks import catalogue
 
 PAGES = ("README.md", "docs/command_line.md", "docs/tasks.md", "docs/zoo.md")
 
@@ -53,14 +51,13 @@ def blocks():
 BLOCKS = [pytest.param(block, id=f"{Path(block.page).stem}-{block.number}") for block in blocks()]
 #: The commands that only read a results file; a block that makes none is given that of ``make board``.
 READERS = ("board", "compare", "report", "export", "verify", "merge", "submit")
-#: Settings with which the tasks of the commands are short; what is to hold, holds for HOLD_S seconds.
+#: Settings with which the tasks of the commands are short.
 SHORTER: dict[str, dict[str, Any]] = {
     "sway-white-v0": {"duration": 20.0},
     "sway-scratch-v0": {"duration": 60.0, "coarse": 30.0},
     "flight-hotstart60-v0": {"duration": 60.0},
     "rlg-car-v0": {"window": [0.0, 60.0], "coarse": 30.0},
 }
-HOLD_S = 5.0
 #: What the options of a command are given instead of what is printed.
 LITTLE = {"--runs": ["2"], "--window": ["0", "100"]}
 
@@ -90,12 +87,7 @@ def run(line):
 def _shorter_tasks():
     """The commands run whole on tasks cut short, and time few steps; in this process, for a fresh one would not know."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("COLUMNS", "100")
-        patch.setattr(cost, "BLOCKS", 2)
-        for name, settings in SHORTER.items():
-            task = catalogue.get_task(name)
-            shorter = dataclasses.replace(task, kwargs={**task.kwargs, **settings}, hold_s=HOLD_S)
-            patch.setitem(catalogue.TASKS, name, shorter)
+        cut_short(patch, SHORTER, blocks=2)
         yield
 
 

@@ -1,7 +1,6 @@
 """The tutorials run as they stand: their files and commands in order, in a folder each, with little work."""
 
 import contextlib
-import dataclasses
 import io
 import re
 import runpy
@@ -11,11 +10,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from evaluation.short import cut_short
 from places import ROOT
 
 from sins_env.cli.main import main
-from sins_env.evaluation.speed import cost
-from sins_env.evaluation.tasks import catalogue
 from solvers import registry
 
 TUTORIALS = runpy.run_path(str(ROOT / "benchmarks" / "tutorials.py"))
@@ -50,9 +48,8 @@ LITTLE = {
         "RUNS = 16": "RUNS = 2",
     },
 }
-#: Settings with which the tasks of the suite are played, and how long an error must hold.
+#: Settings with which the tasks of the suite are played.
 TASKS = {"sway-white-v0": {"duration": 20.0}, "sway-told-wrong-v0": {"duration": 20.0}}
-HOLD_S = 5.0
 #: Least share of the words of a printed block that its commands must print.
 WORDS_KEPT = 0.7
 
@@ -60,12 +57,7 @@ WORDS_KEPT = 0.7
 @pytest.fixture(autouse=True)
 def _little_work(monkeypatch):
     """Tasks cut short and few steps timed, in this process; what a page registers is forgotten afterwards."""
-    monkeypatch.setenv("COLUMNS", "100")
-    monkeypatch.setattr(cost, "BLOCKS", 1)
-    for name, settings in TASKS.items():
-        task = catalogue.get_task(name)
-        shorter = dataclasses.replace(task, kwargs={**task.kwargs, **settings}, hold_s=HOLD_S)
-        monkeypatch.setitem(catalogue.TASKS, name, shorter)
+    cut_short(monkeypatch, TASKS, blocks=1)
     before = set(registry.FILTERS), set(sys.modules)
     yield
     for name in set(registry.FILTERS) - before[0]:
